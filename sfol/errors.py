@@ -1,0 +1,167 @@
+"""Every error that sfol raises on purpose: what is wrong, where, and what to do about it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """A position in a file that a user wrote.
+
+    Attributes:
+        file: the file's name, as the user gave it.
+        line: line number from 1, or None where only the file is known.
+        column: column number from 1, or None where only the line is known.
+    """
+
+    file: str
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        numbers = [str(n) for n in (self.line, self.column) if n is not None]
+        return ":".join([self.file, *numbers])
+
+
+class SfolError(Exception):
+    """Base of all errors of this project.
+
+    Args:
+        message: what is wrong, in one sentence without the place.
+        name: the word that is wrong (a predicate, a key, a file), for programs that want it.
+        suggestion: what to write instead, or what to do.
+        place: where in a file it stands.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        name: str | None = None,
+        suggestion: str | None = None,
+        place: Place | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.name = name
+        self.suggestion = suggestion
+        self.place = place
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " if self.place else ""
+        hint = f" ({self.suggestion})" if self.suggestion else ""
+        return f"{where}{self.message}{hint}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Exceptions pickle by their positional arguments; ours are mostly keywords.
+        return _rebuild, (type(self), self.message, self.name, self.suggestion, self.place)
+
+    def at(self, place: Place) -> SfolError:
+        """Return the same error with its place filled in."""
+        return type(self)(
+            self.message, name=self.name, suggestion=self.suggestion, place=self.place or place
+        )
+
+
+class ClauseError(SfolError):
+    """The text of a rule, a condition or a fact is not a clause.
+
+    Args:
+        offset: index of the offending character in the text.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        name: str | None = None,
+        suggestion: str | None = None,
+        place: Place | None = None,
+        offset: int = 0,
+    ) -> None:
+        super().__init__(message, name=name, suggestion=suggestion, place=place)
+        self.offset = offset
+
+
+class FormulaError(ClauseError):
+    """The formula of a term is not in the grammar, or gave no number."""
+
+
+class FactError(SfolError):
+    """A fact is malformed, contradicts another or does not fit the knowledge base."""
+
+
+class SignalError(SfolError):
+    """A signal is missing, unknown or not a number."""
+
+
+class KnowledgeBaseError(SfolError):
+    """Something in a knowledge base is wrong."""
+
+
+class UsageError(SfolError):
+    """An argument has a value that the function does not take."""
+
+
+class MissingExtraError(SfolError):
+    """An optional part of the distribution is not installed."""
+
+
+class InvalidKnowledgeBase(SfolError):  # noqa: N818 (it holds errors, it is not one more of them)
+    """A knowledge base that cannot be used, with everything that is wrong with it.
+
+    Args:
+        errors: the single errors, at least one, in the order of their places.
+    """
+
+    def __init__(self, errors: Sequence[SfolError]) -> None:
+        self.errors = tuple(sorted(errors, key=_by_place))
+        first = self.errors[0]
+        super().__init__(
+            first.message, name=first.name, suggestion=first.suggestion, place=first.place
+        )
+
+    def __str__(self) -> str:
+        return "\n".join(str(error) for error in self.errors)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.errors,)
+
+
+def _by_place(error: SfolError) -> tuple[str, int, int]:
+    place = error.place or Place("")
+    return place.file, place.line or 0, place.column or 0
+
+
+def _rebuild(
+    kind: type[SfolError],
+    message: str,
+    name: str | None,
+    suggestion: str | None,
+    place: Place | None,
+) -> SfolError:
+    return kind(message, name=name, suggestion=suggestion, place=place)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str | None:
+    """Return ``did you mean 'X'?`` for the known name most like this one, or the choices.
+
+    Args:
+        name: what was written.
+        known: what could have been meant.
+
+    Returns:
+        A suggestion for `SfolError`, or None where nothing is known at all.
+    """
+    candidates = sorted(set(known))
+    by_lower = {candidate.lower(): candidate for candidate in candidates}
+    close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean '{by_lower[close[0]]}'?"
+    if not candidates:
+        return None
+    shown = ", ".join(candidates[:8])
+    return f"known: {shown}" + (", …" if len(candidates) > 8 else "")

@@ -1,0 +1,256 @@
+"""Proof trees: why this confidence, this weight, this reward."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.tree import Tree
+
+from sfol.engines import Conclusions
+from sfol.facts import Bound
+from sfol.knowledge_base import RewardTerm, Rule
+from sfol.program import Constants, Plan, ground
+from sfol.syntax import Atom, Literal
+
+if TYPE_CHECKING:
+    from sfol.reward import Outcome, RewardFunction
+
+_WIDTH = 110
+_STYLES = {
+    "reward": "bold",
+    "term": "bold cyan",
+    "weight": "magenta",
+    "head": "green",
+    "rule": "yellow",
+    "nothing": "dim",
+    "formula": "dim",
+}
+
+
+@dataclass(frozen=True)
+class Node:
+    """One statement of a proof, and what it rests on.
+
+    Attributes:
+        kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
+            ``fact`` or ``nothing`` (a head that was not concluded).
+        text: the statement, in one line.
+        values: its numbers and names, for programs.
+        children: what it rests on.
+    """
+
+    kind: str
+    text: str
+    values: Mapping[str, Any]
+    children: tuple[Node, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the node and all below it as plain data for JSON."""
+        return {
+            "kind": self.kind,
+            "text": self.text,
+            **self.values,
+            "children": [child.to_dict() for child in self.children],
+        }
+
+    def cut(self, depth: int) -> Node:
+        """Return the node with at most so many levels below it."""
+        if depth > 0:
+            below = tuple(child.cut(depth - 1) for child in self.children)
+            return Node(self.kind, self.text, self.values, below)
+        more = (Node("nothing", "…", {}),) if self.children else ()
+        return Node(self.kind, self.text, self.values, more)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A reward's proof tree; `print` shows it, a rich console in colour.
+
+    Attributes:
+        root: the reward; below it the terms, weights, heads, rules, literals and facts.
+    """
+
+    root: Node
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tree as plain data for JSON."""
+        return self.root.to_dict()
+
+    def __rich__(self) -> Tree:
+        return _rich_tree(self.root)
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        Console(file=text, width=_WIDTH, color_system=None, legacy_windows=False).print(self)
+        return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+
+
+def explain(
+    reward: RewardFunction,
+    conclusions: Conclusions,
+    outcome: Outcome,
+    signals: Mapping[str, float],
+    *,
+    depth: int | None = None,
+) -> Explanation:
+    """Return the proof tree of an outcome.
+
+    Args:
+        reward: the reward function that gave it.
+        conclusions: what its engine concluded.
+        outcome: the outcome itself.
+        signals: the signals that it was given, defaults filled in.
+        depth: how many levels below the reward to keep; None keeps all.
+    """
+    root = _Prover(reward, conclusions, outcome, signals).reward()
+    return Explanation(root if depth is None else root.cut(depth))
+
+
+class _Prover:
+    """Builds the nodes of one explanation."""
+
+    def __init__(
+        self,
+        reward: RewardFunction,
+        conclusions: Conclusions,
+        outcome: Outcome,
+        signals: Mapping[str, float],
+    ) -> None:
+        self._reward = reward
+        self._engine = reward.engine
+        self._kb = reward.kb
+        self._tables = conclusions.tables
+        self._derived = conclusions.derived
+        self._outcome = outcome
+        self._signals = signals
+
+    def reward(self) -> Node:
+        total = self._outcome.reward
+        terms = tuple(self._term(term) for term in self._kb.terms.values())
+        return Node("reward", f"reward {_number(total)}", {"value": total}, terms)
+
+    def _term(self, term: RewardTerm) -> Node:
+        value = self._outcome.terms[term.name]
+        weight = self._outcome.weights[term.weight] if isinstance(term.weight, str) else term.weight
+        names = {**self._reward.parameters[term.name], **self._signals}
+        component = term.formula(names)
+        size = sum(abs(other) for other in self._outcome.terms.values())
+        share = abs(value) / size if size else 0.0
+        given = ", ".join(
+            f"{name} = {_number(names[name])}{self._unit(name)}"
+            for name in sorted(term.formula.names, key=list(names).index)
+        )
+        formula = Node(
+            "formula",
+            f"{term.formula} = {_number(component)}  with {given}",
+            {"formula": term.formula.text, "value": component, "names": names},
+        )
+        below = [self._weight(term.weight)] if isinstance(term.weight, str) else []
+        text = (
+            f"{term.name} {_number(value)} = {_number(weight)} × {_number(component)}"
+            f"  ({share:.0%} of all terms)"
+        )
+        values = {"name": term.name, "value": value, "weight": weight, "share": share}
+        return Node("term", text, values, (formula, *below))
+
+    def _unit(self, name: str) -> str:
+        unit = self._kb.signals[name].unit if name in self._kb.signals else "1"
+        return "" if unit == "1" else f" {unit}"
+
+    def _weight(self, name: str) -> Node:
+        value = self._outcome.weights[name]
+        normalizer = self._kb.weights[name].normalizer
+        coefficients = self._reward.coefficients[name]
+        heads = tuple(self._head(head, factor) for head, factor in coefficients.items())
+        text = f"weight {name} {_number(value)} = 1/{normalizer:g} of the sum below"
+        return Node("weight", text, {"name": name, "value": value}, heads)
+
+    def _head(self, head: str, coefficient: float) -> Node:
+        atom = Atom(head, (self._kb.subject,))
+        bound = self._tables.bound(atom)
+        values = {"atom": str(atom), "coefficient": coefficient}
+        if bound is None:
+            text = f"{_number(coefficient)} × 0      {atom}: nothing concluded"
+            return Node("nothing", text, {**values, "bound": None, "confidence": 0.0})
+        confidence = self._outcome.confidences[head]
+        text = f"{_number(coefficient)} × {_number(confidence)}  {atom} {bound}"
+        return Node(
+            "head",
+            text,
+            {**values, "bound": list(bound), "confidence": confidence},
+            tuple(self._proofs(atom)),
+        )
+
+    def _proofs(self, atom: Atom) -> Iterator[Node]:
+        """Yield one node for every rule that concludes an atom."""
+        for rule, plan in self._engine.program.rules.get(atom.predicate, ()):
+            bound = self._engine.rule_bounds(rule, plan, self._tables).get(atom.arguments)
+            if bound is not None:
+                yield self._rule(rule, plan, atom.arguments, bound)
+
+    def _rule(self, rule: Rule, plan: Plan, arguments: Constants, bound: Bound) -> Node:
+        found = [
+            values
+            for values in plan.substitutions(self._tables)
+            if ground(rule.clause.head, values).arguments == arguments
+        ]
+        literals = tuple(self._literal(literal, plan, found) for literal in plan.body.literals)
+        text = f"{rule.clause}  {bound}"
+        values = {
+            "name": rule.name,
+            "clause": str(rule.clause),
+            "bound": list(bound),
+            "substitutions": found,
+        }
+        return Node("rule", text, values, (_substitutions(rule, found), *literals))
+
+    def _literal(self, literal: Literal, plan: Plan, found: list[dict[str, str]]) -> Node:
+        """Return a node for a literal, with every distinct ground atom that it stands for."""
+        grounded = {
+            ground(literal.atom, values): plan.literal_bound(literal, self._tables, values)
+            for values in found
+        }
+        facts = tuple(
+            self._fact(atom, bound, negated=literal.negated) for atom, bound in grounded.items()
+        )
+        if len(facts) == 1:
+            return facts[0]
+        text = f"{literal}: {len(facts)} atoms"
+        return Node("literal", text, {"literal": str(literal)}, facts)
+
+    def _fact(self, atom: Atom, bound: Bound, *, negated: bool) -> Node:
+        literal = f"not {atom}" if negated else str(atom)
+        derived = not negated and atom in self._derived
+        source = "derived" if derived else self._origin(atom)
+        values = {"literal": literal, "bound": list(bound), "source": source}
+        proofs = tuple(self._proofs(atom)) if derived else ()
+        return Node("fact", f"{literal} {bound}  {source}", values, proofs)
+
+    def _origin(self, atom: Atom) -> str:
+        if self._tables.bound(atom) is None:
+            return "unknown"
+        return "background" if atom in self._kb.background else "asserted"
+
+
+def _substitutions(rule: Rule, found: list[dict[str, str]]) -> Node:
+    shown = "; ".join(", ".join(f"{k} = {v}" for k, v in values.items()) for values in found[:4])
+    more = f"; and {len(found) - 4} more" if len(found) > 4 else ""
+    return Node("formula", f"rule {rule.name} with {shown}{more}", {})
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _rich_tree(node: Node) -> Tree:
+    style = _STYLES.get(node.kind, "")
+    text = escape(node.text)
+    tree = Tree(f"[{style}]{text}[/{style}]" if style else text, guide_style="dim")
+    for child in node.children:
+        tree.add(_rich_tree(child))
+    return tree

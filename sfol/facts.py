@@ -1,0 +1,279 @@
+"""Facts: what is known of a scene, as ground atoms with bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Literal, NamedTuple
+
+from sfol.errors import FactError, did_you_mean
+from sfol.syntax import Atom, is_name, is_variable, parse_facts
+
+DEFAULT_MARGIN = 0.05
+
+Merge = Literal["replace", "maximum"]
+
+
+class Bound(NamedTuple):
+    """How true an atom is at least and at most: [τ⁻, τ⁺] with 0 ≤ τ⁻ ≤ τ⁺ ≤ 1.
+
+    Source: the paper's equation for uncertainty bounds.
+    """
+
+    lower: float
+    upper: float
+
+    @property
+    def midpoint(self) -> float:
+        """The confidence τ̂ = (τ⁻ + τ⁺) / 2."""
+        return (self.lower + self.upper) / 2
+
+    @classmethod
+    def checked(cls, lower: float, upper: float, of: str = "a bound") -> Bound:
+        """Return the bound, or say why it is none.
+
+        Args:
+            lower: τ⁻.
+            upper: τ⁺.
+            of: what the bound belongs to, for the message.
+
+        Raises:
+            FactError: unless 0 ≤ lower ≤ upper ≤ 1; NaN never is.
+        """
+        if 0.0 <= lower <= upper <= 1.0:
+            return cls(float(lower), float(upper))
+        raise FactError(
+            f"{of} has the bound [{lower}, {upper}]",
+            name=of,
+            suggestion="a bound is [lower, upper] with 0 ≤ lower ≤ upper ≤ 1",
+        )
+
+    @classmethod
+    def around(cls, confidence: float, margin: float, of: str = "a bound") -> Bound:
+        """Return [τ̂ − m τ̂, τ̂ + m τ̂], cut to [0, 1].
+
+        Source: the paper, below its equation for an entity's confidence, with m = 0.05.
+
+        Raises:
+            FactError: unless the confidence is in [0, 1].
+        """
+        if not 0.0 <= confidence <= 1.0:
+            raise FactError(
+                f"{of} has the confidence {confidence}",
+                name=of,
+                suggestion="a confidence is between 0 and 1",
+            )
+        spread = margin * confidence
+        return cls(max(confidence - spread, 0.0), min(confidence + spread, 1.0))
+
+    def __str__(self) -> str:
+        return f"[{self.lower:.4g}, {self.upper:.4g}]"
+
+
+TRUE = Bound(1.0, 1.0)
+
+# How two different bounds of one atom become one, if the caller asks for it by name.
+_MERGES: dict[Merge, Callable[[Bound, Bound], Bound]] = {
+    "replace": lambda _, new: new,
+    "maximum": lambda old, new: Bound(max(old.lower, new.lower), max(old.upper, new.upper)),
+}
+
+Relation = Mapping[tuple[str, ...], Bound]
+
+
+class Facts:
+    """A set of ground atoms, each with its bound. An atom that is not in it is unknown.
+
+    Args:
+        margin: m, the share of a confidence by which its bound reaches down and up.
+
+    Example:
+        >>> facts = Facts.parse("Vehicle(ego). Pedestrian(p1): [0.76, 0.84].")
+        >>> facts.add("OnRoad", "p1")
+        >>> facts.bound("Pedestrian", "p1").midpoint
+        0.8
+    """
+
+    __slots__ = ("_relations", "margin")
+
+    def __init__(self, *, margin: float = DEFAULT_MARGIN) -> None:
+        if not 0.0 <= margin <= 1.0:
+            raise FactError(f"the margin is {margin}", suggestion="it is between 0 and 1")
+        self.margin = margin
+        self._relations: dict[str, dict[tuple[str, ...], Bound]] = {}
+
+    @classmethod
+    def parse(cls, text: str | Iterable[str], *, margin: float = DEFAULT_MARGIN) -> Facts:
+        """Read facts from their text, or from several texts.
+
+        Args:
+            text: such as ``Vehicle(ego). Pedestrian(p1): [0.76, 0.84]. OnRoad(p1): 0.9.``; a
+                number alone is a confidence.
+            margin: see `Facts`.
+
+        Raises:
+            ClauseError: the text is not a list of facts.
+            FactError: a bound is none, or an atom stands twice with different bounds.
+        """
+        facts = cls(margin=margin)
+        for part in [text] if isinstance(text, str) else text:
+            for atom, bound, confidence in parse_facts(part):
+                facts.add(*_flat(atom), bound=bound, confidence=confidence)
+        return facts
+
+    def add(
+        self,
+        predicate: str,
+        *constants: str,
+        confidence: float | None = None,
+        bound: tuple[float, float] | None = None,
+        merge: Merge | None = None,
+    ) -> None:
+        """Assert an atom; without bound and confidence it is [1, 1].
+
+        Args:
+            predicate: its name.
+            constants: one or two names of entities.
+            confidence: τ̂ in [0, 1]; the margin makes it a bound.
+            bound: (lower, upper), instead of a confidence.
+            merge: what to do if the atom is known with another bound; None is an error.
+
+        Raises:
+            FactError: a name, a bound or the number of constants is wrong, or the atom is
+                already known with another bound.
+        """
+        new = self._new_bound(predicate, constants, confidence, bound)
+        relation = self._relations.get(predicate, {})
+        old = relation.get(constants)
+        if old is None:
+            _check_atom(predicate, constants, relation)
+        elif old != new:
+            new = self._merged(Atom(predicate, constants), old, new, merge)
+        self._relations.setdefault(predicate, {})[constants] = new
+
+    def bound(self, predicate: str, *constants: str) -> Bound | None:
+        """Return the bound of an atom, or None if it is unknown."""
+        return self._relations.get(predicate, {}).get(constants)
+
+    def relation(self, predicate: str) -> Relation:
+        """Return the constants and bounds of every atom of a predicate; do not change it."""
+        return self._relations.get(predicate, {})
+
+    def predicates(self) -> Iterable[str]:
+        """Return the predicates of which something is known."""
+        return self._relations.keys()
+
+    def entities(self) -> tuple[str, ...]:
+        """Return every constant once, in the order in which they were first named."""
+        return tuple(dict.fromkeys(name for atom in self for name in atom.arguments))
+
+    def about(self, entity: str) -> Facts:
+        """Return the facts that name an entity."""
+        chosen = Facts(margin=self.margin)
+        for atom, bound in self.items():
+            if entity in atom.arguments:
+                chosen.add(*_flat(atom), bound=bound)
+        return chosen
+
+    def items(self) -> Iterator[tuple[Atom, Bound]]:
+        """Yield every atom with its bound."""
+        for predicate, relation in self._relations.items():
+            for constants, bound in relation.items():
+                yield Atom(predicate, constants), bound
+
+    def copy(self) -> Facts:
+        """Return an independent copy."""
+        twin = Facts(margin=self.margin)
+        twin._relations = {name: dict(relation) for name, relation in self._relations.items()}
+        return twin
+
+    def __iter__(self) -> Iterator[Atom]:
+        return (atom for atom, _ in self.items())
+
+    def __len__(self) -> int:
+        return sum(len(relation) for relation in self._relations.values())
+
+    def __contains__(self, atom: object) -> bool:
+        if not isinstance(atom, tuple) or not atom:
+            return False
+        predicate, *constants = _flat(atom) if isinstance(atom, Atom) else atom
+        return self.bound(predicate, *constants) is not None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Facts) and dict(self.items()) == dict(other.items())
+
+    __hash__ = None  # type: ignore[assignment]  # facts change in place
+
+    def __str__(self) -> str:
+        return "\n".join(_fact_text(atom, bound) for atom, bound in self.items())
+
+    def __repr__(self) -> str:
+        return f"<Facts: {len(self)} about {len(self.entities())} entities>"
+
+    def _new_bound(
+        self,
+        predicate: str,
+        constants: tuple[str, ...],
+        confidence: float | None,
+        bound: tuple[float, float] | None,
+    ) -> Bound:
+        if confidence is None and bound is None:
+            return TRUE
+        atom = f"{predicate}({', '.join(map(str, constants))})"
+        if bound is None:
+            assert confidence is not None
+            return Bound.around(confidence, self.margin, atom)
+        if confidence is not None:
+            raise FactError(
+                f"{atom} has a bound and a confidence", name=atom, suggestion="give one of them"
+            )
+        return Bound.checked(*bound, of=atom)
+
+    @staticmethod
+    def _merged(atom: Atom, old: Bound, new: Bound, merge: Merge | None) -> Bound:
+        if merge is None:
+            raise FactError(
+                f"{atom} is asserted twice, with {old} and {new}",
+                name=str(atom),
+                suggestion="name a merge: merge='replace' or merge='maximum'",
+            )
+        if merge not in _MERGES:
+            raise FactError(
+                f"'{merge}' is no merge", name=merge, suggestion=did_you_mean(merge, _MERGES)
+            )
+        return _MERGES[merge](old, new)
+
+
+def _flat(atom: Atom | tuple[str, ...]) -> tuple[str, ...]:
+    return (atom.predicate, *atom.arguments) if isinstance(atom, Atom) else atom
+
+
+def _fact_text(atom: Atom, bound: Bound) -> str:
+    if bound == TRUE:
+        return f"{atom}."
+    # repr keeps every digit, so that parsing gives the same bound again
+    return f"{atom}: [{bound.lower!r}, {bound.upper!r}]."
+
+
+def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) -> None:
+    if not is_name(predicate):
+        raise FactError(f"'{predicate}' is not a predicate", name=predicate)
+    if len(constants) not in (1, 2):
+        raise FactError(
+            f"'{predicate}' has {len(constants)} constants",
+            name=predicate,
+            suggestion="an atom has one or two",
+        )
+    for constant in constants:
+        if not isinstance(constant, str) or not is_name(constant) or is_variable(constant):
+            raise FactError(
+                f"'{constant}' in {predicate} is not a constant",
+                name=str(constant),
+                suggestion="a constant begins with a lower-case letter and has letters, "
+                "digits and underscores",
+            )
+    elsewhere = len(next(iter(relation), constants))
+    if elsewhere != len(constants):
+        raise FactError(
+            f"'{predicate}' has {len(constants)} constants here and {elsewhere} elsewhere",
+            name=predicate,
+        )

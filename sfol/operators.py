@@ -1,0 +1,85 @@
+"""The operators of soft logic, each defined once for every engine.
+
+All work on plain numbers between 0 and 1 and are applied to lower bounds and to upper bounds
+apart, so that a bound stays a bound: each is monotone in every argument.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from sfol.facts import Bound
+
+
+@dataclass(frozen=True)
+class Operator:
+    """Several truth values become one.
+
+    Attributes:
+        name: as the key `semantics` of a knowledge base names it.
+        formula: in the usual notation.
+        source: where it is defined.
+        combine: the function itself; its argument is never empty.
+    """
+
+    name: str
+    formula: str
+    source: str
+    combine: Callable[[Sequence[float]], float]
+
+    def __call__(self, bounds: Sequence[Bound]) -> Bound:
+        """Combine lower bounds with lower, upper with upper.
+
+        Args:
+            bounds: at least one.
+
+        Returns:
+            The combined bound.
+        """
+        lowers, uppers = zip(*bounds, strict=True)
+        return Bound(self.combine(lowers), self.combine(uppers))
+
+
+def _average(values: Sequence[float]) -> float:
+    # fsum rounds once, so that the order of facts cannot change even the last digit
+    return math.fsum(values) / len(values)
+
+
+def _lukasiewicz(values: Sequence[float]) -> float:
+    return max(0.0, math.fsum(values) - (len(values) - 1))
+
+
+def _probabilistic_sum(values: Sequence[float]) -> float:
+    return 1.0 - math.prod(1.0 - value for value in values)
+
+
+CONJUNCTIONS: Mapping[str, Operator] = {
+    operator.name: operator
+    for operator in (
+        Operator("average", "(1/n) Σ xᵢ", "the paper's equation for τ_H", _average),
+        Operator("minimum", "min xᵢ", "Gödel t-norm", min),
+        Operator("product", "Π xᵢ", "product t-norm", math.prod),
+        Operator("lukasiewicz", "max(0, Σ xᵢ − (n − 1))", "Łukasiewicz t-norm", _lukasiewicz),
+    )
+}
+
+DISJUNCTIONS: Mapping[str, Operator] = {
+    operator.name: operator
+    for operator in (
+        Operator("maximum", "max xᵢ", "the paper, on rules that share a head", max),
+        Operator("probabilistic_sum", "1 − Π (1 − xᵢ)", "product t-conorm", _probabilistic_sum),
+    )
+}
+
+CONFIDENCES: Mapping[str, Callable[[Bound], float]] = {
+    "midpoint": lambda bound: bound.midpoint,
+    "lower": lambda bound: bound.lower,
+    "upper": lambda bound: bound.upper,
+}
+
+
+def negation(bound: Bound) -> Bound:
+    """Return [1 − u, 1 − l], the bound of the negated atom."""
+    return Bound(1.0 - bound.upper, 1.0 - bound.lower)

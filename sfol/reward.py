@@ -1,0 +1,271 @@
+"""The reward: facts and signals in, one number out, with everything that it was made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfol.engines import Conclusions, Engine, make_engine
+from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
+from sfol.facts import Bound, Facts
+from sfol.knowledge_base import KnowledgeBase, RewardTerm
+from sfol.operators import CONFIDENCES
+from sfol.program import Plan, condition_criterion
+from sfol.syntax import Atom
+
+if TYPE_CHECKING:
+    from sfol.explain import Explanation
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one evaluation gave.
+
+    Attributes:
+        reward: R, the sum of the terms in their order.
+        terms: term → weight × formula, signed.
+        weights: weight → w.
+        confidences: head → τ̂ of the subject, 0 where nothing was concluded.
+        bounds: head → bound of the subject, None where nothing was concluded.
+        derived: every concluded atom with its bound.
+    """
+
+    reward: float
+    terms: Mapping[str, float]
+    weights: Mapping[str, float]
+    confidences: Mapping[str, float]
+    bounds: Mapping[str, Bound | None]
+    derived: Mapping[Atom, Bound]
+
+
+class Numbers(dict[str, float]):
+    """Numbers by name that can be set but not added or removed.
+
+    Args:
+        numbers: name → number.
+        what: what the names are, for error messages.
+    """
+
+    def __init__(self, numbers: Mapping[str, float], what: str) -> None:
+        super().__init__(numbers)
+        self._what = what
+
+    def __setitem__(self, name: str, number: float) -> None:
+        if name not in self:
+            raise UsageError(
+                f"{self._what} has no '{name}'", name=name, suggestion=did_you_mean(name, self)
+            )
+        if not float("-inf") < number < float("inf"):
+            raise UsageError(f"'{name}' can't be {number}", name=name)
+        super().__setitem__(name, float(number))
+
+
+class RewardFunction:
+    """A knowledge base as a callable: the reward of a step from its facts and signals.
+
+    Args:
+        kb: a knowledge base, the path of one, or the name of a bundled one.
+        engine: ``compiled``.
+
+    Attributes:
+        kb: the knowledge base.
+        coefficients: weight → head → coefficient (the paper's α, β); may be set at any time.
+        parameters: term → parameter → number; may be set at any time.
+
+    Raises:
+        InvalidKnowledgeBase: the file has errors.
+        UsageError: there is no such engine.
+
+    Example:
+        >>> reward = RewardFunction("aeb")
+        >>> facts = Facts.parse("NoCrosswalk(ego). EmptyLane(ego).")
+        >>> reward(facts, v=6.0, v_next=6.0)
+        1.0
+    """
+
+    def __init__(self, kb: KnowledgeBase | str | Path, *, engine: str = "compiled") -> None:
+        self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
+        self._engine_name = engine
+        self._engine: Engine = make_engine(engine, self.kb)
+        self.coefficients: dict[str, Numbers] = {
+            name: Numbers(weight.coefficients, f"the weight '{name}'")
+            for name, weight in self.kb.weights.items()
+        }
+        self.parameters: dict[str, Numbers] = {
+            name: Numbers(term.parameters, f"the term '{name}'")
+            for name, term in self.kb.terms.items()
+        }
+        self._confidence = CONFIDENCES[self.kb.semantics.confidence]
+        self._conditions = [
+            (Plan.of(c.when, condition_criterion(c), bound=["X"]), c.weight)
+            for c in self.kb.entity_weights
+        ]
+
+    @property
+    def engine(self) -> Engine:
+        """The engine that draws the conclusions."""
+        return self._engine
+
+    def facts(self) -> Facts:
+        """Return an empty set of facts with the knowledge base's margin."""
+        return Facts(margin=self.kb.grounding.margin)
+
+    def __call__(self, facts: Facts, **signals: float) -> float:
+        """Return the reward alone; see `evaluate`."""
+        return self.evaluate(facts, **signals).reward
+
+    def evaluate(self, facts: Facts, **signals: float) -> Outcome:
+        """Return the reward of a transition and everything that it was made of.
+
+        Args:
+            facts: what is known of the state before the action.
+            signals: a number for each signal of the knowledge base, in its unit; those with a
+                default may be left out.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+            SignalError: a signal is missing, unknown or NaN.
+            FormulaError: a term has no value; the error names it.
+        """
+        values = self._signals(signals)
+        return self._outcome(self._engine.conclude(facts), values)
+
+    def explain(self, facts: Facts, *, depth: int | None = None, **signals: float) -> Explanation:
+        """Return the proof tree of a reward: print it, or read its nodes.
+
+        Args:
+            facts: as for `evaluate`.
+            depth: how many levels to show; None shows all.
+            signals: as for `evaluate`.
+
+        Raises:
+            The errors of `evaluate`.
+        """
+        from sfol.explain import explain  # noqa: PLC0415  (needed by few, and it imports rich)
+
+        values = self._signals(signals)
+        conclusions = self._engine.conclude(facts)
+        outcome = self._outcome(conclusions, values)
+        return explain(self, conclusions, outcome, values, depth=depth)
+
+    def entity_weights(self, facts: Facts, entities: Iterable[str]) -> dict[str, float]:
+        """Return the descriptor's weight w_i of each entity: the first condition that holds.
+
+        Args:
+            facts: what is known of the scene; conclusions count too.
+            entities: the names of the entities.
+
+        Returns:
+            entity → weight, 0 where no condition holds.
+
+        Source: the paper's table of weighting factors for VSR.
+        """
+        tables = self._engine.conclude(facts).tables
+        return {
+            entity: next(
+                (
+                    weight
+                    for plan, weight in self._conditions
+                    if any(plan.substitutions(tables, {"X": entity}))
+                ),
+                0.0,
+            )
+            for entity in entities
+        }
+
+    def __repr__(self) -> str:
+        return f"<RewardFunction of {self.kb!r}, engine '{self._engine_name}'>"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # An engine is made anew from its knowledge base; numbers that were set go along.
+        numbers = (dict(self._numbers(self.coefficients)), dict(self._numbers(self.parameters)))
+        return _rebuild, (self.kb, self._engine_name, *numbers)
+
+    def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
+        subject = (self.kb.subject,)
+        bounds = {
+            head: conclusions.tables.bound(Atom(head, subject))
+            for head in self._engine.program.subject_heads
+        }
+        confidences = {
+            head: 0.0 if bound is None else self._confidence(bound)
+            for head, bound in bounds.items()
+        }
+        weights = {name: self._weight(name, confidences) for name in self.kb.weights}
+        terms = {name: self._term(term, weights, signals) for name, term in self.kb.terms.items()}
+        return Outcome(
+            reward=sum(terms.values()),
+            terms=terms,
+            weights=weights,
+            confidences=confidences,
+            bounds=bounds,
+            derived=conclusions.derived,
+        )
+
+    def _weight(self, name: str, confidences: Mapping[str, float]) -> float:
+        # A head whose rules an overlay removed has no confidence and contributes nothing.
+        total = sum(c * confidences.get(head, 0.0) for head, c in self.coefficients[name].items())
+        return total / self.kb.weights[name].normalizer
+
+    def _term(
+        self, term: RewardTerm, weights: Mapping[str, float], signals: Mapping[str, float]
+    ) -> float:
+        weight = weights[term.weight] if isinstance(term.weight, str) else term.weight
+        try:
+            value = weight * term.formula({**self.parameters[term.name], **signals})
+        except FormulaError as error:
+            raise _of_term(error, term.name) from None
+        if math.isnan(value):
+            raise FormulaError(
+                f"the term '{term.name}' is NaN: its weight {weight} times an infinite formula",
+                name=term.name,
+            )
+        return value
+
+    def _signals(self, given: Mapping[str, float]) -> dict[str, float]:
+        known = self.kb.signals
+        for name, value in given.items():
+            if name not in known:
+                raise SignalError(
+                    f"'{name}' is no signal of '{self.kb.name}'",
+                    name=name,
+                    suggestion=did_you_mean(name, known),
+                )
+            if math.isnan(value):
+                raise SignalError(f"the signal '{name}' is NaN", name=name)
+        values = {name: given.get(name, signal.default) for name, signal in known.items()}
+        missing = [name for name, value in values.items() if value is None]
+        if missing:
+            shown = ", ".join(f"{name}=… ({known[name].unit})" for name in missing)
+            raise SignalError(
+                f"the signal '{missing[0]}' is missing",
+                name=missing[0],
+                suggestion=f"call it with {shown}",
+            )
+        return {name: float(value) for name, value in values.items() if value is not None}
+
+    @staticmethod
+    def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:
+        return ((name, dict(numbers)) for name, numbers in groups.items())
+
+
+def _of_term(error: FormulaError, term: str) -> FormulaError:
+    message = f"the term '{term}' has no value: {error.message}"
+    return FormulaError(message, name=term, suggestion=error.suggestion)
+
+
+def _rebuild(
+    kb: KnowledgeBase,
+    engine: str,
+    coefficients: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, Mapping[str, float]],
+) -> RewardFunction:
+    reward = RewardFunction(kb, engine=engine)
+    for own, saved in ((reward.coefficients, coefficients), (reward.parameters, parameters)):
+        for group, numbers in saved.items():
+            for name, number in numbers.items():
+                own[group][name] = number
+    return reward

@@ -1,0 +1,110 @@
+"""Facts: bounds, margins, merges, and what is refused."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfol.errors import ClauseError, FactError
+from sfol.facts import TRUE, Bound, Facts
+from sfol.syntax import Atom
+
+
+def test_a_confidence_becomes_a_bound_of_five_percent():
+    facts = Facts()
+    facts.add("Pedestrian", "p1", confidence=0.8)
+    assert facts.bound("Pedestrian", "p1") == pytest.approx((0.76, 0.84))
+
+
+def test_a_bound_is_cut_at_one():
+    facts = Facts(margin=0.1)
+    facts.add("Pedestrian", "p1", confidence=0.95)
+    assert facts.bound("Pedestrian", "p1") == pytest.approx((0.855, 1.0))
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_every_confidence_gives_a_bound_around_it(confidence, margin):
+    lower, upper = Bound.around(confidence, margin)
+    assert 0 <= lower <= confidence <= upper <= 1
+
+
+def test_without_bound_or_confidence_an_atom_is_true():
+    assert Facts.parse("OnRoad(p1).").bound("OnRoad", "p1") == TRUE
+
+
+def test_text_with_bound_confidence_and_neither():
+    facts = Facts.parse(["P(a): [0.2, 0.3]. Q(a): 0.5.", "R(a, b)."], margin=0.1)
+    assert facts.bound("P", "a") == (0.2, 0.3)
+    assert facts.bound("Q", "a") == pytest.approx((0.45, 0.55))
+    assert facts.bound("R", "a", "b") == (1, 1)
+    assert len(facts) == 3
+    assert facts.entities() == ("a", "b")
+
+
+def test_an_unknown_atom_has_no_bound():
+    facts = Facts.parse("P(a).")
+    assert facts.bound("P", "b") is None
+    assert ("P", "b") not in facts
+    assert ("P", "a") in facts
+    assert Atom("P", ("a",)) in facts
+    assert "P" not in facts
+
+
+@pytest.mark.parametrize(
+    "pair", [(0.5, 0.4), (-0.1, 0.5), (0.5, 1.1), (math.nan, 1.0), (0, math.nan)]
+)
+def test_a_bad_bound_is_refused_and_nothing_is_added(pair):
+    facts = Facts()
+    with pytest.raises(FactError, match=r"P\(a\) has the bound"):
+        facts.add("P", "a", bound=pair)
+    assert len(facts) == 0
+    assert not list(facts.predicates())
+
+
+@pytest.mark.parametrize("confidence", [-0.1, 1.1, math.nan, math.inf])
+def test_a_bad_confidence_is_refused(confidence):
+    with pytest.raises(FactError, match="confidence"):
+        Facts().add("P", "a", confidence=confidence)
+
+
+def test_a_bound_and_a_confidence_are_one_too_many():
+    with pytest.raises(FactError, match="a bound and a confidence"):
+        Facts().add("P", "a", confidence=0.5, bound=(0.5, 0.5))
+
+
+def test_the_same_assertion_twice_is_fine_and_another_one_is_not():
+    facts = Facts.parse("P(a): [0.2, 0.6]. P(a): [0.2, 0.6].")
+    with pytest.raises(FactError, match="asserted twice"):
+        facts.add("P", "a", bound=(0.3, 0.5))
+    facts.add("P", "a", bound=(0.3, 0.5), merge="maximum")
+    assert facts.bound("P", "a") == (0.3, 0.6)
+    facts.add("P", "a", bound=(0.1, 0.2), merge="replace")
+    assert facts.bound("P", "a") == (0.1, 0.2)
+    with pytest.raises(FactError, match="'maximun' is no merge"):
+        facts.add("P", "a", bound=(0.3, 0.5), merge="maximun")
+
+
+@pytest.mark.parametrize("constants", [("Ego",), ("1a",), ("a b",), ("",), (), ("a", "b", "c")])
+def test_malformed_constants_are_refused(constants):
+    with pytest.raises(FactError):
+        Facts().add("P", *constants)
+
+
+def test_one_predicate_has_one_arity():
+    facts = Facts.parse("P(a).")
+    with pytest.raises(FactError, match="2 constants here and 1 elsewhere"):
+        facts.add("P", "a", "b")
+
+
+def test_a_fact_that_is_no_fact():
+    with pytest.raises(ClauseError, match=r"'\.' is expected"):
+        Facts.parse("P(a)")
+
+
+def test_copies_are_independent_and_about_selects():
+    facts = Facts.parse("P(a). Q(a, b). P(c).")
+    twin = facts.copy()
+    twin.add("P", "d")
+    assert len(facts) == 3
+    assert set(map(str, facts.about("a"))) == {"P(a)", "Q(a, b)"}

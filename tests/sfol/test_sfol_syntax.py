@@ -1,0 +1,113 @@
+"""Clauses: what is read, what is printed, what is refused."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfol.errors import ClauseError
+from sfol.facts import Bound, Facts
+from sfol.syntax import (
+    Atom,
+    Body,
+    Clause,
+    Guard,
+    Literal,
+    parse_clause,
+    parse_condition,
+    parse_ground_atom,
+    parse_signature,
+)
+
+names = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,6}", fullmatch=True).filter(lambda n: n != "not")
+constants = st.from_regex(r"[a-z][A-Za-z0-9_]{0,6}", fullmatch=True).filter(lambda n: n != "not")
+atoms = st.builds(Atom, names, st.lists(names, min_size=1, max_size=2).map(tuple))
+bodies = st.builds(
+    Body,
+    st.lists(st.builds(Literal, atoms, st.booleans()), min_size=1, max_size=4).map(tuple),
+    st.lists(st.builds(Guard, names, names), max_size=2).map(tuple),
+)
+ground_atoms = st.builds(Atom, names, st.lists(constants, min_size=1, max_size=2).map(tuple))
+bounds = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(lambda p: Bound(min(p), max(p)))
+
+
+@given(st.builds(Clause, atoms, bodies))
+def test_parsing_a_printed_clause_gives_the_clause(clause):
+    assert parse_clause(str(clause)) == clause
+
+
+@given(bodies)
+def test_parsing_a_printed_condition_gives_the_condition(body):
+    assert parse_condition(str(body)) == body
+
+
+@given(st.dictionaries(ground_atoms, bounds, max_size=6))
+def test_parsing_printed_facts_gives_the_facts(known):
+    facts = Facts()
+    arity = {}
+    for atom, bound in known.items():
+        if arity.setdefault(atom.predicate, len(atom.arguments)) == len(atom.arguments):
+            facts.add(atom.predicate, *atom.arguments, bound=bound)
+    assert Facts.parse(str(facts)) == facts
+
+
+def test_the_papers_rule():
+    clause = parse_clause(
+        "safe3(X) :- Vehicle(X), Vehicle(Y), Crosswalk(A), RightOf(Y, X), Occludes(Y, A)."
+    )
+    assert clause.head == Atom("safe3", ("X",))
+    assert clause.body.literals[3] == Literal(Atom("RightOf", ("Y", "X")))
+
+
+def test_negation_guards_comments_and_free_layout():
+    clause = parse_clause("h( X ):-P(X,Y),\n  % a comment\n not Q(Y) , X!=Y # another\n .")
+    assert clause.body == Body(
+        (Literal(Atom("P", ("X", "Y"))), Literal(Atom("Q", ("Y",)), negated=True)),
+        (Guard("X", "Y"),),
+    )
+
+
+def test_a_predicate_may_be_called_not():
+    assert parse_condition("not(X)").literals == (Literal(Atom("not", ("X",))),)
+
+
+@pytest.mark.parametrize(
+    ("text", "offset", "message"),
+    [
+        ("h(X)", 4, "':-' is expected where the text ends"),
+        ("h(X) :- P(X)", 12, "'.' is expected where the text ends"),
+        ("h(X) :- P(X), .", 14, "a predicate is expected where '.' stands"),
+        ("h(X) :- P(X, Y, Z).", 14, "')' is expected where ',' stands"),
+        ("h() :- P(X).", 2, "an argument is expected where ')' stands"),
+        ("h(X) :- P(X). Q(X).", 14, "the end is expected where 'Q' stands"),
+        ("h(X) :- P(X) & Q(X).", 13, "the character '&' has no place"),
+        ("h(X) :- Pé(X).", 8, "'Pé' is not a name"),
+    ],
+)
+def test_errors_say_where(text, offset, message):
+    with pytest.raises(ClauseError) as caught:
+        parse_clause(text)
+    assert caught.value.offset == offset
+    assert message in caught.value.message
+
+
+def test_a_clause_torn_at_its_comma_is_explained():
+    with pytest.raises(ClauseError, match=r'"CenterOf\(p1, ego\)"'):
+        parse_ground_atom("CenterOf(p1")
+
+
+def test_facts_have_no_variables():
+    with pytest.raises(ClauseError, match="has a variable, 'X'"):
+        parse_ground_atom("P(X)")
+
+
+def test_parameters_of_a_predicate_are_different_variables():
+    assert parse_signature("P(X, Y)") == Atom("P", ("X", "Y"))
+    with pytest.raises(ClauseError, match="must be different variables"):
+        parse_signature("P(X, X)")
+    with pytest.raises(ClauseError, match="must be different variables"):
+        parse_signature("P(x)")
+
+
+def test_a_huge_text_is_refused():
+    with pytest.raises(ClauseError, match="characters"):
+        parse_condition("P(X), " * 20_000 + "P(X)")
