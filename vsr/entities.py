@@ -1,0 +1,287 @@
+"""Entities: the clusters of a segmentation map, each with its confidence, box and mask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sfol.errors import UsageError
+from vsr.classes import CLASS_COUNT, ENTITY_CLASSES, SemanticClass
+
+ClassMap = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Area = tuple[slice, slice]
+
+_SUM_TOLERANCE = 1e-3
+
+
+class Direction(StrEnum):
+    """Where a neighbour lies, seen from the entity (paper, section on SSI)."""
+
+    LEFT_OF = "left_of"
+    RIGHT_OF = "right_of"
+    BELOW_OF = "below_of"
+
+
+class Box(NamedTuple):
+    """A rectangle in px; bottom and right are exclusive, so they are also its lower edges."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+    @property
+    def area(self) -> Area:
+        """The rectangle as rows and columns, for indexing a map."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+@dataclass(frozen=True, eq=False)
+class Entity:
+    """One thing in the picture.
+
+    Attributes:
+        name: the constant that stands for it in the facts, such as ``pedestrian1``.
+        kind: its semantic class.
+        confidence: τ̂, the mean probability of its class over its pixels, 0 to 1.
+        box: the smallest rectangle around it, in px.
+        mask: bool (box height, box width), its pixels within the box.
+    """
+
+    name: str
+    kind: SemanticClass
+    confidence: float
+    box: Box
+    mask: Mask
+
+    @property
+    def area(self) -> int:
+        """Number of its pixels."""
+        return int(np.count_nonzero(self.mask))
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Row and column of the middle of its box, in px from the picture's upper left corner."""
+        top, left, bottom, right = self.box
+        return (top + bottom) / 2, (left + right) / 2
+
+    @property
+    def bottom(self) -> int:
+        """Row of its lower edge, in px: where it meets the ground, if that can be seen."""
+        return self.box.bottom
+
+    def beside(self, direction: Direction, size: int) -> Area:
+        """Return the window along one side of the box (paper, section on SSI: 15 cells).
+
+        Args:
+            direction: the side.
+            size: how far the window reaches, in px. It ends at the border of the map.
+
+        Returns:
+            The rows and columns of the window, which may be empty.
+        """
+        top, left, bottom, right = self.box
+        match direction:
+            case Direction.LEFT_OF:
+                return slice(top, bottom), slice(max(left - size, 0), left)
+            case Direction.RIGHT_OF:
+                return slice(top, bottom), slice(right, right + size)
+            case Direction.BELOW_OF:
+                return slice(bottom, bottom + size), slice(left, right)
+
+    def on(self, area: Area) -> Mask:
+        """Return the entity's pixels on a rectangle of the map.
+
+        Args:
+            area: rows and columns, which may reach beyond the map.
+
+        Returns:
+            bool, of the rectangle's shape, false wherever the entity is not.
+        """
+        (rows, columns), (top, left, bottom, right) = area, self.box
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        pixels = np.zeros((height, width), np.bool_)
+        pixels[
+            _clip(top - rows.start, height) : _clip(bottom - rows.start, height),
+            _clip(left - columns.start, width) : _clip(right - columns.start, width),
+        ] = self.mask[
+            _clip(rows.start - top, bottom - top) : _clip(rows.stop - top, bottom - top),
+            _clip(columns.start - left, right - left) : _clip(columns.stop - left, right - left),
+        ]
+        return pixels
+
+
+def class_map(scene: NDArray[Any]) -> ClassMap:
+    """Return the most probable class of every pixel; of equal ones, the first.
+
+    Args:
+        scene: float (28, H, W), class probabilities that sum to one over the first axis; or
+            uint8 (H, W), a class map, which is returned as it is, so that callers who need it
+            several times can compute it once.
+
+    Returns:
+        uint8 (H, W), numbers of `SemanticClass`.
+
+    Raises:
+        UsageError: the array is neither of the two.
+    """
+    if scene.dtype == np.uint8:
+        return _checked_classes(scene)
+    _check_probabilities(scene)
+    best = scene[0].copy()
+    classes = np.zeros(best.shape, np.uint8)
+    # numpy's argmax over the first axis takes ten times as long.
+    for number in range(1, CLASS_COUNT):
+        greater = scene[number] > best
+        np.maximum(best, scene[number], out=best)
+        np.maximum(classes, greater.view(np.uint8) * np.uint8(number), out=classes)
+    return classes
+
+
+def find_entities(
+    probabilities: NDArray[np.floating[Any]],
+    minimum_area: int = 1,
+    classes: ClassMap | None = None,
+) -> tuple[Entity, ...]:
+    """Find the pedestrians, vehicles, trucks and crosswalks of a segmentation map.
+
+    Every cluster of pixels of one class is an entity, as `scipy.ndimage.label` finds them (pixels
+    touch by their edges). Parts of a crosswalk that share rows of the picture are one crosswalk
+    that something in front of it cuts apart.
+
+    Args:
+        probabilities: float32 (28, H, W), summing to one over the first axis.
+        minimum_area: how many pixels an entity has at least.
+        classes: uint8 (H, W), the `class_map` of the probabilities where it is at hand.
+
+    Returns:
+        The entities, class by class in the order of `ENTITY_CLASSES`, and within a class the
+        lowest in the picture first, which is the nearest; names count in this order.
+
+    Raises:
+        UsageError: the map or the minimum area is not what it should be.
+
+    Source: paper, section "Obtain Predicates".
+    """
+    if minimum_area < 1:
+        raise UsageError(f"minimum_area is {minimum_area}", name="minimum_area", suggestion="≥ 1")
+    labels = class_map(probabilities) if classes is None else _checked_classes(classes)
+    if probabilities.shape != (CLASS_COUNT, *labels.shape):
+        raise UsageError(
+            f"the class map {labels.shape} does not belong to the map {probabilities.shape}",
+            name="classes",
+        )
+    return tuple(
+        entity
+        for kind in ENTITY_CLASSES
+        for entity in _entities_of(kind, labels, probabilities[kind], minimum_area)
+    )
+
+
+def _entities_of(
+    kind: SemanticClass,
+    labels: ClassMap,
+    layer: NDArray[np.floating[Any]],
+    minimum_area: int,
+) -> Iterator[Entity]:
+    clusters = _clusters(labels == kind)
+    if kind is SemanticClass.CROSSWALK:
+        clusters = _merge_row_bands(clusters)
+    large = [(box, mask) for box, mask in clusters if np.count_nonzero(mask) >= minimum_area]
+    nearest_first = sorted(large, key=lambda cluster: (-cluster[0].bottom, cluster[0].left))
+    for number, (box, mask) in enumerate(nearest_first, start=1):
+        yield Entity(
+            name=f"{kind.name.lower()}{number}",
+            kind=kind,
+            confidence=_mean_probability(layer[box.area][mask]),
+            box=box,
+            mask=mask,
+        )
+
+
+def _clusters(layer: Mask) -> list[tuple[Box, Mask]]:
+    rows = np.flatnonzero(layer.any(axis=1))
+    if not rows.size:
+        return []
+    # Labelling only the rows that have any pixel saves most of the time.
+    top = int(rows[0])
+    numbered, _ = ndimage.label(layer[top : rows[-1] + 1])
+    return [
+        (
+            Box(top + area[0].start, area[1].start, top + area[0].stop, area[1].stop),
+            numbered[area] == number,
+        )
+        for number, area in enumerate(ndimage.find_objects(numbered), start=1)
+    ]
+
+
+def _merge_row_bands(parts: Iterable[tuple[Box, Mask]]) -> list[tuple[Box, Mask]]:
+    bands: list[list[tuple[Box, Mask]]] = []
+    reach = -1
+    for part in sorted(parts, key=lambda part: part[0]):
+        if part[0].top >= reach:
+            bands.append([])
+        bands[-1].append(part)
+        reach = max(reach, part[0].bottom)
+    return [_union(band) for band in bands]
+
+
+def _union(parts: list[tuple[Box, Mask]]) -> tuple[Box, Mask]:
+    tops, lefts, bottoms, rights = zip(*(box for box, _ in parts), strict=True)
+    whole = Box(min(tops), min(lefts), max(bottoms), max(rights))
+    mask = np.zeros((whole.bottom - whole.top, whole.right - whole.left), np.bool_)
+    for (top, left, bottom, right), part in parts:
+        rows = slice(top - whole.top, bottom - whole.top)
+        columns = slice(left - whole.left, right - whole.left)
+        mask[rows, columns] |= part
+    return whole, mask
+
+
+def _clip(offset: int, size: int) -> int:
+    return min(max(offset, 0), size)
+
+
+def _mean_probability(probabilities: NDArray[np.floating[Any]]) -> float:
+    # The paper's τ̂_c = 1/|R_c| Σ σ(p); rounding may lift a mean of ones above one.
+    return min(float(probabilities.mean(dtype=np.float64)), 1.0)
+
+
+def _checked_classes(classes: NDArray[Any]) -> ClassMap:
+    if classes.ndim != 2 or classes.dtype != np.uint8:
+        raise UsageError(
+            f"a class map has the shape {classes.shape} and type {classes.dtype}",
+            name="classes",
+            suggestion="it is uint8 of shape (H, W)",
+        )
+    if classes.size == 0 or classes.max() >= CLASS_COUNT:
+        raise UsageError(
+            "a class map is empty or has numbers beyond the classes",
+            name="classes",
+            suggestion=f"its numbers are 0 to {CLASS_COUNT - 1}",
+        )
+    return classes
+
+
+def _check_probabilities(scene: NDArray[Any]) -> None:
+    shape_fits = scene.ndim == 3 and scene.shape[0] == CLASS_COUNT and scene.size > 0
+    if not shape_fits or not np.issubdtype(scene.dtype, np.floating):
+        raise UsageError(
+            f"a segmentation map has the shape {scene.shape} and type {scene.dtype}",
+            name="probabilities",
+            suggestion=f"it is float32 of shape ({CLASS_COUNT}, H, W)",
+        )
+    # Written so that NaN fails them too.
+    sums = scene.sum(axis=0)
+    if not (scene.min() >= 0.0 and np.abs(sums - 1.0).max() <= _SUM_TOLERANCE):
+        raise UsageError(
+            "the probabilities of a segmentation map do not sum to one at every pixel",
+            name="probabilities",
+            suggestion="apply softmax over the class axis; NaN and negative numbers are errors",
+        )
