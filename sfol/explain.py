@@ -244,7 +244,7 @@ def _substitutions(rule: Rule, found: list[dict[str, str]]) -> Node:
 
 
 def _number(value: float) -> str:
-    return f"{value:.4g}"
+    return f"{value + 0.0:.4g}"  # adding 0.0 turns -0.0 into 0.0
 
 
 def _rich_tree(node: Node) -> Tree:

@@ -100,7 +100,7 @@ class RewardFunction:
         }
         self._confidence = CONFIDENCES[self.kb.semantics.confidence]
         self._conditions = [
-            (Plan.of(c.when, condition_criterion(c), bound=["X"]), c.weight)
+            (Plan.of(c.when, condition_criterion(c), given=["X"]), c.weight)
             for c in self.kb.entity_weights
         ]
 
@@ -169,7 +169,7 @@ class RewardFunction:
                 (
                     weight
                     for plan, weight in self._conditions
-                    if any(plan.substitutions(tables, {"X": entity}))
+                    if plan.substitutions(tables, [entity])
                 ),
                 0.0,
             )

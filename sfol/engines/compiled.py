@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from sfol.errors import FactError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
-from sfol.program import Constants, Plan, Program, Tables, ground
-from sfol.syntax import Atom
+from sfol.program import Constants, Plan, Program, Search, Tables, rule_criterion
+from sfol.syntax import Atom, is_variable
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,8 @@ class Conclusions:
     """What follows from some facts.
 
     Attributes:
-        tables: everything known in the end: facts, background and conclusions.
+        tables: facts, background, and the conclusions that concern the subject or that some body
+            reads.
         derived: the atoms that some rule concluded, with their final bounds.
     """
 
@@ -29,17 +31,27 @@ class Conclusions:
 class CompiledEngine:
     """Evaluates the strata of a program in order, each to its end.
 
+    A head that no body reads is concluded for the subject alone, since nothing else enters the
+    reward; for other entities it is concluded when `Conclusions.derived` is first looked at.
+
     Args:
         kb: the knowledge base; it is compiled once, here.
     """
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self.program = Program.of(kb)
+        self._subject = kb.subject
         self._background = kb.background
         self._arities = {name: predicate.arity for name, predicate in kb.predicates.items()}
-        self._conjunction = CONJUNCTIONS[kb.semantics.conjunction]
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
-        self._pools = kb.semantics.pools
+        conjunction = CONJUNCTIONS[kb.semantics.conjunction]
+        pools = kb.semantics.pools
+        self._gatherer: Callable[[int], _Pool | _Best] = (
+            (lambda literals: _Pool(conjunction, literals))
+            if pools
+            else lambda _: _Best(conjunction)
+        )
+        self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
     def conclude(self, facts: Facts) -> Conclusions:
         """Return everything that follows from facts.
@@ -54,68 +66,163 @@ class CompiledEngine:
         self._check(facts)
         tables = Tables.of(facts, self._background)
         derived: dict[Atom, Bound] = {}
-        for head in self.program.strata:
-            for atom, bound in self._stratum(head, tables):
+        for conclude in self._strata:
+            for atom, bound in conclude(tables):
                 derived[atom] = bound
                 tables.put(atom, bound)
-        return Conclusions(tables, derived)
+        return Conclusions(tables, _Derived(derived, lambda: self._others(tables)))
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
-        satisfying: dict[Constants, list[dict[str, str]]] = {}
-        for values in plan.substitutions(tables):
-            satisfying.setdefault(ground(rule.clause.head, values).arguments, []).append(values)
-        combine = self._pooled if self._pools else self._best
-        return {head: combine(plan, found, tables) for head, found in satisfying.items()}
+        gathered: dict[Constants, _Pool | _Best] = {}
+        slots = {term: slot for slot, term in enumerate(plan.variables)}
+        head = [(slots.get(term), term) for term in rule.clause.head.arguments]
+        literals = len(plan.body.literals)
 
-    def _stratum(self, head: str, tables: Tables) -> list[tuple[Atom, Bound]]:
+        def visit(search: Search) -> None:
+            key = tuple(term if slot is None else search.values[slot] for slot, term in head)
+            if key not in gathered:
+                gathered[key] = self._gatherer(literals)
+            gathered[key].add(search)
+
+        plan.search(tables, visit)
+        return {key: found.bound() for key, found in gathered.items()}
+
+    def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
+        if head in self.program.read_heads or head not in self.program.subject_heads:
+            return lambda tables: list(self._all(head, tables))
+        atom = Atom(head, (self._subject,))
+        plans = list(self._subject_plans(head))
+        return lambda tables: self._subjects(atom, plans, tables)
+
+    def _subject_plans(self, head: str) -> Iterator[tuple[Plan, Sequence[str]]]:
+        """Yield the plans of a head's rules, and the subject where a variable stands for it."""
+        for rule, plan in self.program.rules[head]:
+            (term,) = rule.clause.head.arguments
+            if is_variable(term):
+                given = Plan.of(rule.clause.body, rule_criterion(rule), given=[term])
+                yield given, (self._subject,)
+            elif term == self._subject:
+                yield plan, ()
+
+    def _subjects(
+        self, atom: Atom, plans: Sequence[tuple[Plan, Sequence[str]]], tables: Tables
+    ) -> list[tuple[Atom, Bound]]:
+        disjuncts = []
+        for plan, given in plans:
+            gathered = self._gatherer(len(plan.body.literals))
+            plan.search(tables, gathered.add, given)
+            if gathered:
+                disjuncts.append(gathered.bound())
+        return [(atom, self._either(atom, disjuncts, tables))] if disjuncts else []
+
+    def _all(self, head: str, tables: Tables) -> Iterator[tuple[Atom, Bound]]:
         disjuncts: dict[Constants, list[Bound]] = {}
         for rule, plan in self.program.rules[head]:
             for arguments, bound in self.rule_bounds(rule, plan, tables).items():
                 disjuncts.setdefault(arguments, []).append(bound)
-        return [
-            (atom, self._disjunction([*_present(tables.bound(atom)), *bounds]))
-            for arguments, bounds in disjuncts.items()
-            for atom in [Atom(head, arguments)]
-        ]
+        for arguments, bounds in disjuncts.items():
+            atom = Atom(head, arguments)
+            yield atom, self._either(atom, bounds, tables)
 
-    def _pooled(self, plan: Plan, found: Iterable[dict[str, str]], tables: Tables) -> Bound:
-        """Combine each literal's distinct ground atoms over all substitutions, all together."""
-        pool = {
-            (index, ground(literal.atom, values)): plan.literal_bound(literal, tables, values)
-            for values in found
-            for index, literal in enumerate(plan.body.literals)
-        }
-        return self._conjunction(list(pool.values()))
+    def _others(self, tables: Tables) -> Iterator[tuple[Atom, Bound]]:
+        """Yield the conclusions that concern neither the subject nor any body."""
+        for head in self.program.strata:
+            if head in self.program.subject_heads and head not in self.program.read_heads:
+                for atom, bound in self._all(head, tables):
+                    if atom.arguments != (self._subject,):
+                        yield atom, bound
 
-    def _best(self, plan: Plan, found: Iterable[dict[str, str]], tables: Tables) -> Bound:
-        """Combine per substitution, then take the greatest of lowers and of uppers."""
-        best: Operator = DISJUNCTIONS["maximum"]
-        return best(
-            [
-                self._conjunction(
-                    [plan.literal_bound(literal, tables, v) for literal in plan.body.literals]
-                )
-                for v in found
-            ]
-        )
+    def _either(self, atom: Atom, disjuncts: list[Bound], tables: Tables) -> Bound:
+        """Combine several rules' bounds; an asserted bound is one more disjunct."""
+        asserted = tables.bound(atom)
+        if asserted is not None:
+            disjuncts = [asserted, *disjuncts]
+        return disjuncts[0] if len(disjuncts) == 1 else self._disjunction(disjuncts)
 
     def _check(self, facts: Facts) -> None:
+        arities = self._arities
         for predicate in facts.predicates():
-            arity = self._arities.get(predicate)
             given = len(next(iter(facts.relation(predicate))))
-            if arity is None:
-                raise FactError(
-                    f"facts name the unknown predicate '{predicate}'",
-                    name=predicate,
-                    suggestion=did_you_mean(predicate, self._arities),
-                )
-            if arity != given:
-                raise FactError(
-                    f"facts give '{predicate}' {given} constants; it has {arity}", name=predicate
-                )
+            if arities.get(predicate) != given:
+                raise _unfit(predicate, given, arities)
 
 
-def _present(bound: Bound | None) -> Iterator[Bound]:
-    if bound is not None:
-        yield bound
+class _Pool:
+    """Each literal's distinct ground atoms over all substitutions, combined all together."""
+
+    __slots__ = ("_atoms", "_conjunction")
+
+    def __init__(self, conjunction: Operator, literals: int) -> None:
+        self._conjunction = conjunction
+        self._atoms: list[dict[Constants, Bound]] = [{} for _ in range(literals)]
+
+    def add(self, search: Search) -> None:
+        for atoms, key, bound in zip(self._atoms, search.keys, search.bounds, strict=True):
+            atoms[key] = bound
+
+    def __bool__(self) -> bool:
+        return bool(self._atoms[0])
+
+    def bound(self) -> Bound:
+        return self._conjunction([bound for atoms in self._atoms for bound in atoms.values()])
+
+
+class _Best:
+    """Each substitution's literals combined, then the greatest of lowers and of uppers."""
+
+    __slots__ = ("_bounds", "_conjunction")
+
+    def __init__(self, conjunction: Operator) -> None:
+        self._conjunction = conjunction
+        self._bounds: list[Bound] = []
+
+    def add(self, search: Search) -> None:
+        self._bounds.append(self._conjunction(search.bounds))
+
+    def __bool__(self) -> bool:
+        return bool(self._bounds)
+
+    def bound(self) -> Bound:
+        return DISJUNCTIONS["maximum"](self._bounds)
+
+
+class _Derived(Mapping[Atom, Bound]):
+    """All conclusions; those that the reward does not need are drawn when first looked at."""
+
+    def __init__(
+        self, needed: Mapping[Atom, Bound], others: Callable[[], Iterator[tuple[Atom, Bound]]]
+    ) -> None:
+        self._needed = needed
+        self._others = others
+
+    @cached_property
+    def _all(self) -> dict[Atom, Bound]:
+        return {**self._needed, **dict(self._others())}
+
+    def __getitem__(self, atom: Atom) -> Bound:
+        return self._all[atom]
+
+    def __iter__(self) -> Iterator[Atom]:
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def __repr__(self) -> str:
+        return repr(self._all)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return dict, (self._all,)
+
+
+def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:
+    if predicate not in arities:
+        return FactError(
+            f"facts name the unknown predicate '{predicate}'",
+            name=predicate,
+            suggestion=did_you_mean(predicate, arities),
+        )
+    return FactError(
+        f"facts give '{predicate}' {given} constants; it has {arities[predicate]}", name=predicate
+    )

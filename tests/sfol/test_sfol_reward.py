@@ -231,6 +231,13 @@ def test_unknown_predicates_and_arities_in_facts(aeb):
         aeb(Facts.parse("OnRoad(p1, ego)."), **ROAD)
 
 
+def test_the_background_always_holds(aeb):
+    facts = Facts.parse("NoCrosswalk(ego). EmptyLane(ego). Vehicle(ego).")
+    assert aeb.evaluate(facts, **ROAD).bounds["efficiency1"] == (1, 1)
+    with pytest.raises(FactError, match=r"Vehicle\(ego\) the bound \[0.5, 0.5\]"):
+        aeb(Facts.parse("Vehicle(ego): [0.5, 0.5]."), **ROAD)
+
+
 def test_the_papers_entity_weights(aeb):
     facts = Facts.parse(
         "Pedestrian(p1). OnRoad(p1). Pedestrian(p2). OnCrosswalk(p2): 0.6. Pedestrian(p3)."
