@@ -4,7 +4,7 @@ import sfol
 
 project = "sfol"
 author = "The sfol maintainers"
-copyright = "2026, The sfol maintainers"  # noqa: A001
+copyright = "2026, The sfol maintainers"
 version = release = sfol.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_heading_anchors = 3

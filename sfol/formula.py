@@ -13,15 +13,20 @@ import math
 import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
+import numpy as np
+
+from sfol import arrays
+from sfol.arrays import Array
 from sfol.errors import FormulaError, did_you_mean
 
 MAXIMUM_LENGTH = 2_000
 MAXIMUM_DEPTH = 40
 
-Values = Mapping[str, float]
-_Evaluator = Callable[[Values], float]
+Values = Mapping[str, Array]
+_Evaluator = Callable[[Values], Array]
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -44,24 +49,20 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
 }
 
 
-def _clip(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
+def _clip(value: Array, low: Array, high: Array) -> Array:
+    return arrays.minimum(arrays.maximum(value, low), high)
 
 
-def _where(condition: float, then: float, otherwise: float) -> float:
-    return then if condition else otherwise
-
-
-# name → (function, least and most arguments)
-FUNCTIONS: Mapping[str, tuple[Callable[..., float], int, int]] = {
+# name → (function of numbers, arrays or tensors, least and most arguments)
+FUNCTIONS: Mapping[str, tuple[Callable[..., Array], int, int]] = {
     "abs": (abs, 1, 1),
-    "exp": (math.exp, 1, 1),
-    "log": (math.log, 1, 1),
-    "sqrt": (math.sqrt, 1, 1),
-    "min": (min, 2, 8),
-    "max": (max, 2, 8),
+    "exp": (arrays.exp, 1, 1),
+    "log": (arrays.log, 1, 1),
+    "sqrt": (arrays.sqrt, 1, 1),
+    "min": (lambda *values: reduce(arrays.minimum, values), 2, 8),
+    "max": (lambda *values: reduce(arrays.maximum, values), 2, 8),
     "clip": (_clip, 3, 3),
-    "where": (_where, 3, 3),
+    "where": (arrays.where, 3, 3),
 }
 
 
@@ -129,6 +130,25 @@ class Formula:
             raise self._no_number("the result is NaN", values)
         return result
 
+    def elementwise(self, values: Values) -> Array:
+        """Return the formula's value for every element of arrays or tensors.
+
+        Args:
+            values: a number, array or tensor for every name in `names`, of shapes that broadcast.
+
+        Raises:
+            FormulaError: an element is NaN, or has no value (see `__call__`; torch gives infinity
+                where numpy and plain numbers have an error).
+        """
+        try:
+            with np.errstate(divide="raise", over="raise", invalid="raise"):
+                result = self._evaluate(values)
+        except (ArithmeticError, ValueError, TypeError) as error:
+            raise self._no_number(str(error), {}) from error
+        if arrays.has_nan(result):
+            raise self._no_number("the result is NaN", {})
+        return result
+
     def __str__(self) -> str:
         return self.text
 
@@ -139,8 +159,10 @@ class Formula:
         return Formula.parse, (self.text,)
 
     def _no_number(self, why: str, values: Values) -> FormulaError:
-        given = ", ".join(f"{name} = {values[name]:.6g}" for name in sorted(self.names))
-        return FormulaError(f"the formula '{self.text}' has no value: {why}", suggestion=given)
+        given = ", ".join(f"{name} = {values[name]:.6g}" for name in sorted(self.names & {*values}))
+        return FormulaError(
+            f"the formula '{self.text}' has no value: {why}", suggestion=given or None
+        )
 
 
 def _python_tree(text: str) -> ast.expr:
@@ -205,7 +227,7 @@ def _constant(value: float) -> _Evaluator:
     return lambda _: value
 
 
-def _apply(function: Callable[..., float], *arguments: _Evaluator) -> _Evaluator:
+def _apply(function: Callable[..., Array], *arguments: _Evaluator) -> _Evaluator:
     if len(arguments) == 1:
         (only,) = arguments
         return lambda values: function(only(values))

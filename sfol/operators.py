@@ -1,7 +1,7 @@
 """The operators of soft logic, each defined once for every engine.
 
-All work on plain numbers between 0 and 1 and are applied to lower bounds and to upper bounds
-apart, so that a bound stays a bound: each is monotone in every argument.
+All work on truth values between 0 and 1 and are applied to lower bounds and to upper bounds apart,
+so that a bound stays a bound: each is monotone in every argument.
 """
 
 from __future__ import annotations
@@ -9,7 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
+from sfol import arrays
+from sfol.arrays import Array
 from sfol.facts import Bound
 
 
@@ -21,13 +25,15 @@ class Operator:
         name: as the key `semantics` of a knowledge base names it.
         formula: in the usual notation.
         source: where it is defined.
-        combine: the function itself; its argument is never empty.
+        combine: the function itself, of numbers; its argument is never empty.
+        elementwise: the same of arrays or tensors of one shape.
     """
 
     name: str
     formula: str
     source: str
     combine: Callable[[Sequence[float]], float]
+    elementwise: Callable[[Sequence[Array]], Array]
 
     def __call__(self, bounds: Sequence[Bound]) -> Bound:
         """Combine lower bounds with lower, upper with upper.
@@ -51,32 +57,65 @@ def _lukasiewicz(values: Sequence[float]) -> float:
     return max(0.0, math.fsum(values) - (len(values) - 1))
 
 
-def _probabilistic_sum(values: Sequence[float]) -> float:
+def _probabilistic_sum(values: Sequence[Any]) -> Any:
     return 1.0 - math.prod(1.0 - value for value in values)
+
+
+def _average_arrays(values: Sequence[Array]) -> Array:
+    return sum(values) / len(values)
+
+
+def _lukasiewicz_arrays(values: Sequence[Array]) -> Array:
+    return arrays.maximum(sum(values) - (len(values) - 1), 0.0)
+
+
+def _minimum_arrays(values: Sequence[Array]) -> Array:
+    return reduce(arrays.minimum, values)
+
+
+def _maximum_arrays(values: Sequence[Array]) -> Array:
+    return reduce(arrays.maximum, values)
 
 
 CONJUNCTIONS: Mapping[str, Operator] = {
     operator.name: operator
     for operator in (
-        Operator("average", "(1/n) Σ xᵢ", "the paper's equation for τ_H", _average),
-        Operator("minimum", "min xᵢ", "Gödel t-norm", min),
-        Operator("product", "Π xᵢ", "product t-norm", math.prod),
-        Operator("lukasiewicz", "max(0, Σ xᵢ − (n − 1))", "Łukasiewicz t-norm", _lukasiewicz),
+        Operator(
+            "average", "(1/n) Σ xᵢ", "the paper's equation for τ_H", _average, _average_arrays
+        ),
+        Operator("minimum", "min xᵢ", "Gödel t-norm", min, _minimum_arrays),
+        Operator("product", "Π xᵢ", "product t-norm", math.prod, math.prod),
+        Operator(
+            "lukasiewicz",
+            "max(0, Σ xᵢ − (n − 1))",
+            "Łukasiewicz t-norm",
+            _lukasiewicz,
+            _lukasiewicz_arrays,
+        ),
     )
 }
 
 DISJUNCTIONS: Mapping[str, Operator] = {
     operator.name: operator
     for operator in (
-        Operator("maximum", "max xᵢ", "the paper, on rules that share a head", max),
-        Operator("probabilistic_sum", "1 − Π (1 − xᵢ)", "product t-conorm", _probabilistic_sum),
+        Operator(
+            "maximum", "max xᵢ", "the paper, on rules that share a head", max, _maximum_arrays
+        ),
+        Operator(
+            "probabilistic_sum",
+            "1 − Π (1 − xᵢ)",
+            "product t-conorm",
+            _probabilistic_sum,
+            _probabilistic_sum,
+        ),
     )
 }
 
-CONFIDENCES: Mapping[str, Callable[[Bound], float]] = {
-    "midpoint": lambda bound: bound.midpoint,
-    "lower": lambda bound: bound.lower,
-    "upper": lambda bound: bound.upper,
+# τ̂ from a bound's lower and upper end, for numbers, arrays and tensors.
+CONFIDENCES: Mapping[str, Callable[[Any, Any], Any]] = {
+    "midpoint": lambda lower, upper: (lower + upper) / 2,
+    "lower": lambda lower, upper: lower,
+    "upper": lambda lower, upper: upper,
 }
 
 

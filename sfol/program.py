@@ -14,7 +14,7 @@ from graphlib import TopologicalSorter
 from typing import NamedTuple
 
 from sfol.checking import dependencies
-from sfol.errors import FactError
+from sfol.errors import FactError, did_you_mean
 from sfol.facts import TRUE, Bound, Facts, Relation
 from sfol.knowledge_base import EntityCondition, KnowledgeBase, Rule
 from sfol.operators import negation
@@ -74,6 +74,12 @@ class Tables:
             for row in self.rows(predicate).items():
                 index.setdefault(row[0][position], []).append(row)
         return index.get(constant, ())
+
+    def items(self) -> Iterator[tuple[Atom, Bound]]:
+        """Yield every known atom with its bound."""
+        for predicate, relation in self._relations.items():
+            for arguments, bound in relation.items():
+                yield Atom(predicate, arguments), bound
 
     def put(self, atom: Atom, bound: Bound) -> None:
         """Add a conclusion. No index of its predicate exists yet: strata go in order."""
@@ -187,6 +193,18 @@ class Plan:
         free = len(self.variables) - self.given
         values = [*given, *("",) * free, *self._constants]
         self._first(Search(tables, values, len(self.body.literals), visit))
+
+    def reader(self, atom: Atom) -> Callable[[Search], Constants]:
+        """Return the function that reads an atom's ground arguments off a search.
+
+        Args:
+            atom: its variables are the plan's; any other term is a constant.
+        """
+        slots = {term: slot for slot, term in enumerate(self.variables)}
+        places = [(slots.get(term), term) for term in atom.arguments]
+        return lambda search: tuple(
+            [term if slot is None else search.values[slot] for slot, term in places]
+        )
 
     def substitutions(self, tables: Tables, given: Sequence[str] = ()) -> list[dict[str, str]]:
         """Return every substitution of variables by constants that satisfies the body."""
@@ -402,6 +420,7 @@ class Program:
         rules: head → its rules with their plans, in the order of the file.
         subject_heads: the unary heads, whose atoms of the subject make the reward.
         read_heads: heads that some body or condition reads, for whichever entity.
+        arities: predicate → its number of arguments.
     """
 
     knowledge_base: KnowledgeBase
@@ -409,6 +428,7 @@ class Program:
     rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
     subject_heads: tuple[str, ...]
     read_heads: frozenset[str]
+    arities: Mapping[str, int]
 
     @classmethod
     def of(cls, kb: KnowledgeBase) -> Program:
@@ -431,4 +451,55 @@ class Program:
             },
             subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
             read_heads=frozenset(read.intersection(heads)),
+            arities={name: predicate.arity for name, predicate in kb.predicates.items()},
         )
+
+    def check(self, facts: Facts) -> None:
+        """Make sure that facts fit the knowledge base.
+
+        Raises:
+            FactError: a predicate or a number of constants is not that of the knowledge base.
+        """
+        for predicate in facts.predicates():
+            given = len(next(iter(facts.relation(predicate))))
+            if self.arities.get(predicate) != given:
+                raise _unfit(predicate, given, self.arities)
+
+    def plans(
+        self, head: str, subject: str, criterion: Criterion | None = None
+    ) -> Iterator[tuple[Rule, Plan, tuple[str, ...]]]:
+        """Yield how to conclude a head: for the subject alone where nothing else is needed.
+
+        Args:
+            head: the predicate.
+            subject: the entity whose heads make the reward.
+            criterion: when literals hold; each rule's own by default.
+
+        Yields:
+            A rule, its plan, and the values that the plan is given.
+        """
+        for rule, _ in self.rules[head]:
+            holds = criterion or rule_criterion(rule)
+            body, term = rule.clause.body, rule.clause.head.arguments[0]
+            if not self.for_subject_alone(head):
+                yield rule, Plan.of(body, holds), ()
+            elif is_variable(term):
+                yield rule, Plan.of(body, holds, given=[term]), (subject,)
+            elif term == subject:
+                yield rule, Plan.of(body, holds), ()
+
+    def for_subject_alone(self, head: str) -> bool:
+        """Tell whether the reward needs a head of the subject only: no body reads it."""
+        return head in self.subject_heads and head not in self.read_heads
+
+
+def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:
+    if predicate not in arities:
+        return FactError(
+            f"facts name the unknown predicate '{predicate}'",
+            name=predicate,
+            suggestion=did_you_mean(predicate, arities),
+        )
+    return FactError(
+        f"facts give '{predicate}' {given} constants; it has {arities[predicate]}", name=predicate
+    )

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
+from sfol import arrays
+from sfol.arrays import Array, backend_of
+from sfol.batch import Batch, encode
 from sfol.engines import Conclusions, Engine, make_engine
+from sfol.engines.batched import Bounds, conclude
 from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
 from sfol.facts import Bound, Facts
+from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.operators import CONFIDENCES
 from sfol.program import Plan, condition_criterion
@@ -41,8 +45,29 @@ class Outcome:
     derived: Mapping[Atom, Bound]
 
 
+@dataclass(frozen=True, eq=False)
+class BatchOutcome:
+    """What one evaluation of B scenes gave; arrays of the caller's kind, numpy's or torch's.
+
+    Attributes:
+        reward: float (B,), R.
+        terms: term → float (B,), weight × formula, signed.
+        weights: weight → float (B,), w.
+        confidences: head → float (B,), τ̂ of the subject, 0 where nothing was concluded.
+        bounds: head → bounds of the subject, with what is known.
+    """
+
+    reward: Array
+    terms: Mapping[str, Array]
+    weights: Mapping[str, Array]
+    confidences: Mapping[str, Array]
+    bounds: Mapping[str, Bounds]
+
+
 class Numbers(dict[str, float]):
     """Numbers by name that can be set but not added or removed.
+
+    A number may be a torch tensor without dimensions, to learn it from the rewards of a batch.
 
     Args:
         numbers: name → number.
@@ -58,6 +83,9 @@ class Numbers(dict[str, float]):
             raise UsageError(
                 f"{self._what} has no '{name}'", name=name, suggestion=did_you_mean(name, self)
             )
+        if arrays.is_tensor(number):  # so that gradients reach it
+            super().__setitem__(name, number)
+            return
         if not float("-inf") < number < float("inf"):
             raise UsageError(f"'{name}' can't be {number}", name=name)
         super().__setitem__(name, float(number))
@@ -117,20 +145,45 @@ class RewardFunction:
         """Return the reward alone; see `evaluate`."""
         return self.evaluate(facts, **signals).reward
 
-    def evaluate(self, facts: Facts, **signals: float) -> Outcome:
+    def batch(self, scenes: Sequence[Facts]) -> Batch:
+        """Encode many scenes at once, to evaluate them many times.
+
+        Args:
+            scenes: the facts of each; they are copied.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+        """
+        return encode(self._engine.program, scenes)
+
+    @overload
+    def evaluate(self, facts: Facts, **signals: float) -> Outcome: ...
+
+    @overload
+    def evaluate(self, facts: Batch, **signals: Array) -> BatchOutcome: ...
+
+    def evaluate(self, facts: Facts | Batch, **signals: Array) -> Outcome | BatchOutcome:
         """Return the reward of a transition and everything that it was made of.
 
         Args:
-            facts: what is known of the state before the action.
+            facts: what is known of the state before the action; or a batch of B scenes.
             signals: a number for each signal of the knowledge base, in its unit; those with a
-                default may be left out.
+                default may be left out. For a batch, numbers, or arrays or torch tensors (B,);
+                one tensor among signals, bounds, coefficients or parameters makes all of the
+                outcome tensors of its type, through which gradients go.
+
+        Returns:
+            An `Outcome`, or a `BatchOutcome` for a batch.
 
         Raises:
             FactError: a fact does not fit the knowledge base.
             SignalError: a signal is missing, unknown or NaN.
             FormulaError: a term has no value; the error names it.
+            UsageError: a batch was encoded for another knowledge base.
         """
         values = self._signals(signals)
+        if isinstance(facts, Batch):
+            return self._batch_outcome(facts, values)
         return self._outcome(self._engine.conclude(facts), values)
 
     def explain(self, facts: Facts, *, depth: int | None = None, **signals: float) -> Explanation:
@@ -191,11 +244,14 @@ class RewardFunction:
             for head in self._engine.program.subject_heads
         }
         confidences = {
-            head: 0.0 if bound is None else self._confidence(bound)
+            head: 0.0 if bound is None else self._confidence(*bound)
             for head, bound in bounds.items()
         }
         weights = {name: self._weight(name, confidences) for name in self.kb.weights}
-        terms = {name: self._term(term, weights, signals) for name, term in self.kb.terms.items()}
+        terms = {
+            name: self._term(term, weights, signals, Formula.__call__)
+            for name, term in self.kb.terms.items()
+        }
         return Outcome(
             reward=sum(terms.values()),
             terms=terms,
@@ -205,27 +261,57 @@ class RewardFunction:
             derived=conclusions.derived,
         )
 
-    def _weight(self, name: str, confidences: Mapping[str, float]) -> float:
+    def _batch_outcome(self, batch: Batch, signals: Mapping[str, Array]) -> BatchOutcome:
+        if batch.program is not self._engine.program:
+            raise UsageError(
+                "the batch was made by another reward function",
+                suggestion="encode the scenes with this one's batch()",
+            )
+        groups = (*self.coefficients.values(), *self.parameters.values())
+        numbers = [number for group in groups for number in group.values()]
+        backend = backend_of([batch.lower, batch.upper, *signals.values(), *numbers])
+        signals = {
+            name: backend.array(value) if arrays.is_array(value) else value
+            for name, value in signals.items()
+        }
+        bounds = conclude(batch, backend)
+        confidences = {
+            head: arrays.where(b.known, self._confidence(b.lower, b.upper), 0.0)
+            for head, b in bounds.items()
+        }
+        zeros = backend.full(batch.size, 0.0)
+        weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
+        terms = {
+            name: zeros + self._term(term, weights, signals, Formula.elementwise)
+            for name, term in self.kb.terms.items()
+        }
+        return BatchOutcome(sum(terms.values(), zeros), terms, weights, confidences, bounds)
+
+    def _weight(self, name: str, confidences: Mapping[str, Array]) -> Array:
         # A head whose rules an overlay removed has no confidence and contributes nothing.
         total = sum(c * confidences.get(head, 0.0) for head, c in self.coefficients[name].items())
         return total / self.kb.weights[name].normalizer
 
     def _term(
-        self, term: RewardTerm, weights: Mapping[str, float], signals: Mapping[str, float]
-    ) -> float:
+        self,
+        term: RewardTerm,
+        weights: Mapping[str, Array],
+        signals: Mapping[str, Array],
+        evaluate: Callable[[Formula, Mapping[str, Array]], Array],
+    ) -> Array:
         weight = weights[term.weight] if isinstance(term.weight, str) else term.weight
         try:
-            value = weight * term.formula({**self.parameters[term.name], **signals})
+            value = weight * evaluate(term.formula, {**self.parameters[term.name], **signals})
         except FormulaError as error:
             raise _of_term(error, term.name) from None
-        if math.isnan(value):
+        if arrays.has_nan(value):
             raise FormulaError(
                 f"the term '{term.name}' is NaN: its weight {weight} times an infinite formula",
                 name=term.name,
             )
         return value
 
-    def _signals(self, given: Mapping[str, float]) -> dict[str, float]:
+    def _signals(self, given: Mapping[str, Array]) -> dict[str, Array]:
         known = self.kb.signals
         for name, value in given.items():
             if name not in known:
@@ -234,7 +320,7 @@ class RewardFunction:
                     name=name,
                     suggestion=did_you_mean(name, known),
                 )
-            if math.isnan(value):
+            if arrays.has_nan(value):
                 raise SignalError(f"the signal '{name}' is NaN", name=name)
         values = {name: given.get(name, signal.default) for name, signal in known.items()}
         missing = [name for name, value in values.items() if value is None]
@@ -245,7 +331,7 @@ class RewardFunction:
                 name=missing[0],
                 suggestion=f"call it with {shown}",
             )
-        return {name: float(value) for name, value in values.items() if value is not None}
+        return values
 
     @staticmethod
     def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:

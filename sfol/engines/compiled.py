@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from sfol.errors import FactError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
-from sfol.program import Constants, Plan, Program, Search, Tables, rule_criterion
-from sfol.syntax import Atom, is_variable
+from sfol.program import Constants, Plan, Program, Search, Tables
+from sfol.syntax import Atom
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,6 @@ class CompiledEngine:
         self.program = Program.of(kb)
         self._subject = kb.subject
         self._background = kb.background
-        self._arities = {name: predicate.arity for name, predicate in kb.predicates.items()}
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
         conjunction = CONJUNCTIONS[kb.semantics.conjunction]
         pools = kb.semantics.pools
@@ -63,7 +61,7 @@ class CompiledEngine:
             FactError: a fact has a predicate or a number of constants that the knowledge base
                 does not know.
         """
-        self._check(facts)
+        self.program.check(facts)
         tables = Tables.of(facts, self._background)
         derived: dict[Atom, Bound] = {}
         for conclude in self._strata:
@@ -75,35 +73,24 @@ class CompiledEngine:
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
         gathered: dict[Constants, _Pool | _Best] = {}
-        slots = {term: slot for slot, term in enumerate(plan.variables)}
-        head = [(slots.get(term), term) for term in rule.clause.head.arguments]
+        head_of = plan.reader(rule.clause.head)
         literals = len(plan.body.literals)
 
         def visit(search: Search) -> None:
-            key = tuple(term if slot is None else search.values[slot] for slot, term in head)
-            if key not in gathered:
-                gathered[key] = self._gatherer(literals)
-            gathered[key].add(search)
+            head = head_of(search)
+            if head not in gathered:
+                gathered[head] = self._gatherer(literals)
+            gathered[head].add(search)
 
         plan.search(tables, visit)
-        return {key: found.bound() for key, found in gathered.items()}
+        return {head: found.bound() for head, found in gathered.items()}
 
     def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
-        if head in self.program.read_heads or head not in self.program.subject_heads:
+        if not self.program.for_subject_alone(head):
             return lambda tables: list(self._all(head, tables))
         atom = Atom(head, (self._subject,))
-        plans = list(self._subject_plans(head))
+        plans = [(plan, given) for _, plan, given in self.program.plans(head, self._subject)]
         return lambda tables: self._subjects(atom, plans, tables)
-
-    def _subject_plans(self, head: str) -> Iterator[tuple[Plan, Sequence[str]]]:
-        """Yield the plans of a head's rules, and the subject where a variable stands for it."""
-        for rule, plan in self.program.rules[head]:
-            (term,) = rule.clause.head.arguments
-            if is_variable(term):
-                given = Plan.of(rule.clause.body, rule_criterion(rule), given=[term])
-                yield given, (self._subject,)
-            elif term == self._subject:
-                yield plan, ()
 
     def _subjects(
         self, atom: Atom, plans: Sequence[tuple[Plan, Sequence[str]]], tables: Tables
@@ -128,7 +115,7 @@ class CompiledEngine:
     def _others(self, tables: Tables) -> Iterator[tuple[Atom, Bound]]:
         """Yield the conclusions that concern neither the subject nor any body."""
         for head in self.program.strata:
-            if head in self.program.subject_heads and head not in self.program.read_heads:
+            if self.program.for_subject_alone(head):
                 for atom, bound in self._all(head, tables):
                     if atom.arguments != (self._subject,):
                         yield atom, bound
@@ -139,13 +126,6 @@ class CompiledEngine:
         if asserted is not None:
             disjuncts = [asserted, *disjuncts]
         return disjuncts[0] if len(disjuncts) == 1 else self._disjunction(disjuncts)
-
-    def _check(self, facts: Facts) -> None:
-        arities = self._arities
-        for predicate in facts.predicates():
-            given = len(next(iter(facts.relation(predicate))))
-            if arities.get(predicate) != given:
-                raise _unfit(predicate, given, arities)
 
 
 class _Pool:
@@ -214,15 +194,3 @@ class _Derived(Mapping[Atom, Bound]):
 
     def __reduce__(self) -> tuple[object, ...]:
         return dict, (self._all,)
-
-
-def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:
-    if predicate not in arities:
-        return FactError(
-            f"facts name the unknown predicate '{predicate}'",
-            name=predicate,
-            suggestion=did_you_mean(predicate, arities),
-        )
-    return FactError(
-        f"facts give '{predicate}' {given} constants; it has {arities[predicate]}", name=predicate
-    )

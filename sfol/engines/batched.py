@@ -1,0 +1,164 @@
+"""Evaluation of batches: arithmetic on the bounds of all scenes at once.
+
+It gives what the compiled engine gives scene by scene. The groundings of a batch are known; whether
+they hold, and their bounds, are left to compute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sfol import arrays
+from sfol.arrays import Array, Backend
+from sfol.batch import Batch, Groundings, Stratum
+from sfol.knowledge_base import Semantics
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds of many atoms.
+
+    Attributes:
+        lower: float (n,), τ⁻.
+        upper: float (n,), τ⁺.
+        known: bool (n,), whether there is a bound at all; the numbers mean nothing otherwise.
+    """
+
+    lower: Array
+    upper: Array
+    known: Array
+
+
+def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
+    """Return the bounds of the subject's heads.
+
+    Args:
+        batch: B scenes.
+        backend: numpy's or torch's.
+
+    Returns:
+        Unary head → its bounds in the B scenes.
+    """
+    evaluation = _Evaluation(batch, backend)
+    heads = [(stratum, evaluation.stratum(stratum)) for stratum in batch.strata]
+    return {
+        stratum.head: evaluation.by_scene(stratum, bounds)
+        for stratum, bounds in heads
+        if stratum.head in batch.program.subject_heads
+    }
+
+
+class _Evaluation:
+    """One evaluation of a batch; the bounds of concluded atoms are filled in stratum by stratum."""
+
+    def __init__(self, batch: Batch, backend: Backend) -> None:
+        semantics: Semantics = batch.program.knowledge_base.semantics
+        self._conjunction: Operator = CONJUNCTIONS[semantics.conjunction]
+        self._disjunction: Operator = DISJUNCTIONS[semantics.disjunction]
+        self._gather = self._pooled if semantics.pools else self._best
+        self._batch = batch
+        self._backend = backend
+        self._lower = backend.array(batch.lower)
+        self._upper = backend.array(batch.upper)
+        self._known = backend.array(batch.known)
+
+    def stratum(self, stratum: Stratum) -> Bounds:
+        """Conclude one head in every scene."""
+        disjuncts = [self._at(stratum.rows)]
+        disjuncts += [self._gather(rule, len(stratum.rows)) for rule in stratum.rules]
+        concluded = self._either(disjuncts)
+        if stratum.head in self._batch.program.read_heads:
+            rows = self._backend.array(stratum.rows)
+            self._lower = self._backend.put(self._lower, rows, concluded.lower)
+            self._upper = self._backend.put(self._upper, rows, concluded.upper)
+            self._known = self._backend.put(self._known, rows, concluded.known)
+        return concluded
+
+    def by_scene(self, stratum: Stratum, bounds: Bounds) -> Bounds:
+        """Return the bounds of the subject's atom in each scene; unknown where there is none."""
+        backend, size = self._backend, self._batch.size
+        chosen = stratum.scenes >= 0
+        scenes = backend.array(stratum.scenes[chosen])
+        numbers = backend.array(chosen.nonzero()[0])
+        return Bounds(
+            backend.put(backend.full(size, 0.0), scenes, backend.take(bounds.lower, numbers)),
+            backend.put(backend.full(size, 0.0), scenes, backend.take(bounds.upper, numbers)),
+            backend.put(backend.full(size, False), scenes, backend.take(bounds.known, numbers)),
+        )
+
+    def _at(self, rows: Any) -> Bounds:
+        rows = self._backend.array(rows)
+        take = self._backend.take
+        return Bounds(take(self._lower, rows), take(self._upper, rows), take(self._known, rows))
+
+    def _literal(self, rule: Groundings, index: int, rows: Any) -> Bounds:
+        """Return a literal's bounds at some atoms."""
+        atoms = self._at(rows)
+        if not rule.rule.clause.body.literals[index].negated:
+            return atoms
+        lower = arrays.where(atoms.known, 1.0 - atoms.upper, 1.0)
+        return Bounds(lower, arrays.where(atoms.known, 1.0 - atoms.lower, 1.0), atoms.known)
+
+    def _holds(self, rule: Groundings, index: int, literal: Bounds) -> Array:
+        """Tell where a literal holds, from its bounds."""
+        if rule.rule.clause.body.literals[index].negated:
+            return literal.lower >= rule.rule.negation_threshold
+        holds = literal.known & (literal.upper > 0.0)
+        threshold = rule.rule.threshold
+        return holds & (literal.lower >= threshold) if threshold > 0.0 else holds
+
+    def _satisfying(self, rule: Groundings) -> tuple[list[Bounds], Array]:
+        """Return the literals' bounds under every substitution, and which satisfy the body."""
+        literals = [self._literal(rule, i, rows) for i, rows in enumerate(rule.rows)]
+        satisfies = self._holds(rule, 0, literals[0])
+        for i, literal in enumerate(literals[1:], start=1):
+            satisfies = satisfies & self._holds(rule, i, literal)
+        return literals, satisfies
+
+    def _pooled(self, rule: Groundings, heads: int) -> Bounds:
+        """Average over each literal's distinct atoms, all together."""
+        backend = self._backend
+        _, satisfies = self._satisfying(rule)
+        lower = upper = count = backend.full(heads, 0.0)
+        for index, pairs in enumerate(rule.pairs):
+            of, groups = backend.array(pairs.of), backend.array(pairs.heads)
+            used = backend.any_of(satisfies, of, len(pairs.rows))
+            bounds = self._literal(rule, index, pairs.rows)
+            lower = lower + backend.sum_of(arrays.where(used, bounds.lower, 0.0), groups, heads)
+            upper = upper + backend.sum_of(arrays.where(used, bounds.upper, 0.0), groups, heads)
+            count = count + backend.sum_of(1.0 * used, groups, heads)
+        atoms = arrays.maximum(count, 1.0)
+        return Bounds(lower / atoms, upper / atoms, count > 0.0)
+
+    def _best(self, rule: Groundings, heads: int) -> Bounds:
+        """Combine per substitution, then take the greatest of lowers and of uppers."""
+        backend = self._backend
+        literals, satisfies = self._satisfying(rule)
+        groups = backend.array(rule.heads)
+        known = backend.any_of(satisfies, groups, heads)
+        ends = (
+            self._conjunction.elementwise([bounds.lower for bounds in literals]),
+            self._conjunction.elementwise([bounds.upper for bounds in literals]),
+        )
+        lower, upper = (
+            arrays.where(
+                known, backend.largest_of(arrays.where(satisfies, e, -1.0), groups, heads), 0.0
+            )
+            for e in ends
+        )
+        return Bounds(lower, upper, known)
+
+    def _either(self, disjuncts: Sequence[Bounds]) -> Bounds:
+        """Combine rules that share a head; what is unknown is 0, which changes no disjunction."""
+        known = disjuncts[0].known
+        for other in disjuncts[1:]:
+            known = known | other.known
+        combine = self._disjunction.elementwise
+        return Bounds(
+            combine([arrays.where(d.known, d.lower, 0.0) for d in disjuncts]),
+            combine([arrays.where(d.known, d.upper, 0.0) for d in disjuncts]),
+            known,
+        )
