@@ -1,0 +1,55 @@
+"""Formulas of the study, as pure functions of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+STANDSTILL = 0.1  # m/s; slower than this is standing
+
+
+def time_to_collision(gaps: npt.ArrayLike, closing_speeds: npt.ArrayLike) -> Array:
+    """Return the time until a gap closes: gap / closing speed.
+
+    Args:
+        gaps: in m; broadcast with the speeds.
+        closing_speeds: in m/s.
+
+    Returns:
+        In s; infinite where nothing closes: at rest, when moving apart, and for what is passed
+        already (gap < 0).
+    """
+    gaps, speeds = np.broadcast_arrays(np.asarray(gaps, float), np.asarray(closing_speeds, float))
+    times = np.full(gaps.shape, np.inf)
+    np.divide(gaps, speeds, out=times, where=(speeds > 0.0) & (gaps >= 0.0))
+    return times
+
+
+def stopping_distance(
+    speeds: npt.ArrayLike, distances: npt.ArrayLike, dt: float, hold: float = 1.0
+) -> float:
+    """Return how far before a pedestrian ego first came to stand.
+
+    The distance d at the first instant of the first standstill (v < 0.1 m/s throughout `hold`)
+    that follows a drive and has a pedestrian in the way.
+
+    Args:
+        speeds: of ego at the end of each step, in m/s.
+        distances: from its front to the nearest pedestrian in the way at these instants, in m;
+            infinite when there is none.
+        dt: length of a step, in s.
+        hold: how long ego has to stand, in s.
+
+    Returns:
+        In m; nan when there was no such stop.
+    """
+    standing = np.less(speeds, STANDSTILL)
+    in_the_way = np.asarray(distances, float)[1:]
+    steps = max(round(hold / dt), 1)
+    if standing.size <= steps:
+        return float("nan")
+    stays = np.lib.stride_tricks.sliding_window_view(standing[1:], steps).all(axis=1)
+    stops = ~standing[:-steps] & stays & np.isfinite(in_the_way[: stays.size])
+    return float(in_the_way[np.argmax(stops)]) if stops.any() else float("nan")

@@ -1,0 +1,68 @@
+"""From camera frames to scenes: the one place where perception and reward are put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sfol
+from vsr.entities import ClassMap, Entity, class_map, find_entities
+from vsr.facts import scene_facts
+from vsr.grounding import SegmentationGrounding
+from vsr.segmentation import Frame, Segmenter, SimulatorSegmenter
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What perception makes of one frame.
+
+    Attributes:
+        entities: pedestrians, vehicles, trucks and crosswalks that are seen.
+        facts: what they say about the scene.
+        classes: uint8 (H, W), the segmenter's most likely class of each pixel.
+    """
+
+    entities: tuple[Entity, ...]
+    facts: sfol.Facts
+    classes: ClassMap
+
+
+class ScenePipeline:
+    """Segmenter, entities, facts and reward of one knowledge base.
+
+    Args:
+        rules: a knowledge base, the path of one, or the name of a bundled one.
+        segmenter: makes class probabilities of frames; the simulator's own by default.
+
+    Attributes:
+        kb: the knowledge base.
+        reward: its reward function.
+        grounding: how facts are read off a segmentation map.
+
+    Raises:
+        InvalidKnowledgeBase: the rules have errors.
+    """
+
+    def __init__(
+        self,
+        rules: sfol.KnowledgeBase | str | Path = "crossing",
+        segmenter: Segmenter | None = None,
+    ) -> None:
+        self.reward = sfol.RewardFunction(rules)
+        self.kb = self.reward.kb
+        self.grounding = self.kb.grounding_of("segmentation", SegmentationGrounding)
+        self._segmenter = segmenter or SimulatorSegmenter()
+
+    def perceive(self, frames: Sequence[Frame]) -> list[Scene]:
+        """Return the scene of each frame; the segmenter runs once for all of them."""
+        return [self._scene(probabilities) for probabilities in self._segmenter(frames)]
+
+    def _scene(self, probabilities: NDArray[np.float32]) -> Scene:
+        classes = class_map(probabilities)
+        entities = find_entities(probabilities, self.grounding.minimum_area, classes)
+        facts = scene_facts(entities, classes, self.grounding, self.reward.facts(), self.kb.subject)
+        return Scene(entities, facts, classes)
