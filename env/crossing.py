@@ -22,6 +22,7 @@ from env.metrics import STANDSTILL, stopping_distance
 from env.pipeline import Scene, ScenePipeline
 from env.world import PERSON_RADIUS, Occlusion, World
 from sfol.errors import UsageError, did_you_mean
+from sfol.wrappers import log_items
 from vsr.segmentation import Frame
 
 Array = npt.NDArray[np.float64]
@@ -169,9 +170,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         truncated = not terminated and len(self._speeds) >= self._max_steps
         self._ended = terminated or truncated
         info = {
-            **{f"reward_{term}": value for term, value in outcome.terms.items()},
-            **{f"weight_{name}": value for name, value in outcome.weights.items()},
-            **{f"confidence_{head}": value for head, value in outcome.confidences.items()},
+            **log_items(outcome),
             **self._state(),
             "distance": distance,
             "ttc": self._ttc(stretch),

@@ -1,0 +1,112 @@
+"""Gymnasium wrappers: any environment, rewarded by rules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, SupportsFloat, TypeVar
+
+from sfol.errors import MissingExtraError
+from sfol.facts import Facts
+from sfol.reward import Outcome, RewardFunction
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise MissingExtraError(
+        "the wrappers need gymnasium",
+        name="gymnasium",
+        suggestion="python -m pip install 'sfol[gymnasium]'",
+    ) from error
+
+Observation = TypeVar("Observation")
+Action = TypeVar("Action")
+
+
+@dataclass(frozen=True)
+class Transition(Generic[Observation, Action]):
+    """One step (s, a, s') of an environment.
+
+    Attributes:
+        observation: of s.
+        action: a.
+        next_observation: of s'.
+        info: what the environment says of the step.
+    """
+
+    observation: Observation
+    action: Action
+    next_observation: Observation
+    info: Mapping[str, Any]
+
+
+class RuleReward(
+    gymnasium.Wrapper[Observation, Action, Observation, Action],
+    gymnasium.utils.RecordConstructorArgs,
+):
+    """Replaces the reward of an environment by that of a knowledge base.
+
+    A step is rewarded by the facts of the state before it. ``info`` of every step gets
+    ``reward_<term>`` (they sum to the reward), ``weight_<name>``, ``confidence_<head>``, and the
+    environment's own reward as ``original_reward``.
+
+    Args:
+        env: any environment.
+        reward: the reward function.
+        facts: makes facts of (observation, info, env); called at reset and after each step.
+        signals: makes the knowledge base's signals of a transition.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Observation, Action],
+        reward: RewardFunction,
+        *,
+        facts: Callable[[Observation, Mapping[str, Any], gymnasium.Env[Any, Any]], Facts],
+        signals: Callable[[Transition[Observation, Action]], Mapping[str, float]],
+    ) -> None:
+        # So that Gymnasium can make the environment again from its specification.
+        gymnasium.utils.RecordConstructorArgs.__init__(
+            self, reward=reward, facts=facts, signals=signals, _disable_deepcopy=True
+        )
+        gymnasium.Wrapper.__init__(self, env)
+        self._reward = reward
+        self._facts_of = facts
+        self._signals_of = signals
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; see `gymnasium.Env.reset`."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._remember(observation, info)
+        return observation, info
+
+    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Take a step and reward it; see `gymnasium.Env.step`."""
+        observation, original, terminated, truncated, info = self.env.step(action)
+        transition = Transition(self._observation, action, observation, info)
+        outcome = self._reward.evaluate(self._facts, **self._signals_of(transition))
+        self._remember(observation, info)
+        info = {**info, **log_items(outcome), "original_reward": original}
+        return observation, outcome.reward, terminated, truncated, info
+
+    def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
+        self._observation = observation
+        self._facts = self._facts_of(observation, info, self.env)
+
+
+def log_items(outcome: Outcome) -> dict[str, float]:
+    """Return the parts of an outcome under the names that loggers get.
+
+    Args:
+        outcome: of one step.
+
+    Returns:
+        ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
+    """
+    return {
+        **{f"reward_{name}": value for name, value in outcome.terms.items()},
+        **{f"weight_{name}": value for name, value in outcome.weights.items()},
+        **{f"confidence_{name}": value for name, value in outcome.confidences.items()},
+    }

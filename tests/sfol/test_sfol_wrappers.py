@@ -1,0 +1,71 @@
+"""Any Gymnasium environment, rewarded by rules."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import sfol
+from sfol.wrappers import RuleReward, Transition
+
+SEEN: list[Transition] = []
+
+
+def facts_of(observation, info, env):
+    facts = sfol.Facts()
+    facts.add("Upright", "pole", confidence=max(1.0 - abs(float(observation[2])) / 0.2095, 0.0))
+    return facts
+
+
+def signals_of(transition):
+    SEEN.append(transition)
+    return {"speed": float(transition.observation[1])}
+
+
+@pytest.fixture
+def cartpole():
+    SEEN.clear()
+    reward = sfol.RewardFunction("cartpole")
+    env = gymnasium.make("CartPole-v1")
+    yield RuleReward(env, reward, facts=facts_of, signals=signals_of), reward
+    env.close()
+
+
+def test_a_step_is_rewarded_by_the_facts_before_it(cartpole):
+    env, reward = cartpole
+    before, _ = env.reset(seed=3)
+    for _ in range(5):
+        after, value, _, _, info = env.step(1)
+        outcome = reward.evaluate(facts_of(before, {}, env), speed=float(before[1]))
+        assert value == outcome.reward
+        assert {k: info[f"reward_{k}"] for k in outcome.terms} == outcome.terms
+        assert {k: info[f"weight_{k}"] for k in outcome.weights} == outcome.weights
+        assert {k: info[f"confidence_{k}"] for k in outcome.confidences} == outcome.confidences
+        assert info["original_reward"] == 1.0
+        assert (SEEN[-1].observation == before).all()
+        assert (SEEN[-1].next_observation == after).all()
+        before = after
+
+
+def test_it_is_an_environment(cartpole):
+    check_env(cartpole[0], skip_render_check=True)
+
+
+def test_observations_actions_and_endings_are_the_environments(cartpole):
+    env, _ = cartpole
+    plain = gymnasium.make("CartPole-v1")
+    first, _ = env.reset(seed=1)
+    other, _ = plain.reset(seed=1)
+    done = False
+    while not done:
+        assert np.array_equal(first, other)
+        first, _, done, _, _ = env.step(0)
+        other, _, plain_done, _, _ = plain.step(0)
+        assert done == plain_done
+
+
+def test_a_missing_signal_is_named(cartpole):
+    env = RuleReward(cartpole[0].env, cartpole[1], facts=facts_of, signals=lambda _: {})
+    env.reset(seed=0)
+    with pytest.raises(sfol.errors.SignalError, match="speed"):
+        env.step(0)
