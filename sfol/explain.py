@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -14,10 +15,12 @@ from rich.tree import Tree
 from sfol.engines import Conclusions
 from sfol.facts import Bound
 from sfol.knowledge_base import RewardTerm, Rule
-from sfol.program import Constants, Plan, ground
-from sfol.syntax import Atom, Literal
+from sfol.program import Constants, Plan, Tables, ground, rule_criterion
+from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
 
 if TYPE_CHECKING:
+    import networkx
+
     from sfol.reward import Outcome, RewardFunction
 
 _WIDTH = 110
@@ -28,6 +31,7 @@ _STYLES = {
     "head": "green",
     "rule": "yellow",
     "nothing": "dim",
+    "miss": "dim",
     "formula": "dim",
 }
 
@@ -38,7 +42,8 @@ class Node:
 
     Attributes:
         kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
-            ``fact`` or ``nothing`` (a head that was not concluded).
+            ``fact``, ``nothing`` (a head that was not concluded) or ``miss`` (a rule that did not
+            fire, with what it lacked).
         text: the statement, in one line.
         values: its numbers and names, for programs.
         children: what it rests on.
@@ -80,6 +85,25 @@ class Explanation:
     def to_dict(self) -> dict[str, Any]:
         """Return the tree as plain data for JSON."""
         return self.root.to_dict()
+
+    def to_networkx(self) -> networkx.DiGraph[int]:
+        """Return the tree as a directed graph from each statement to what it rests on.
+
+        Nodes are numbers in the order of the text, 0 being the reward; they have the attributes
+        ``kind`` and ``text`` and those of `Node.values`.
+        """
+        import networkx  # noqa: PLC0415  (needed by few, and not light)
+
+        graph: networkx.DiGraph[int] = networkx.DiGraph()
+        waiting: list[tuple[Node, int | None]] = [(self.root, None)]
+        while waiting:
+            node, parent = waiting.pop()
+            number = len(graph)
+            graph.add_node(number, kind=node.kind, text=node.text, **node.values)
+            if parent is not None:
+                graph.add_edge(parent, number)
+            waiting.extend((child, number) for child in reversed(node.children))
+        return graph
 
     def __rich__(self) -> Tree:
         return _rich_tree(self.root)
@@ -176,7 +200,8 @@ class _Prover:
         values = {"atom": str(atom), "coefficient": coefficient}
         if bound is None:
             text = f"{_number(coefficient)} × 0      {atom}: nothing concluded"
-            return Node("nothing", text, {**values, "bound": None, "confidence": 0.0})
+            misses = tuple(self._misses(head))
+            return Node("nothing", text, {**values, "bound": None, "confidence": 0.0}, misses)
         confidence = self._outcome.confidences[head]
         text = f"{_number(coefficient)} × {_number(confidence)}  {atom} {bound}"
         return Node(
@@ -185,6 +210,13 @@ class _Prover:
             {**values, "bound": list(bound), "confidence": confidence},
             tuple(self._proofs(atom)),
         )
+
+    def _misses(self, head: str) -> Iterator[Node]:
+        """Yield for every rule of a head why it did not conclude it for the subject."""
+        for rule, _ in self._engine.program.rules.get(head, ()):
+            miss = nearest_miss(rule, self._tables, self._kb.subject)
+            if miss is not None:
+                yield _miss_node(rule, miss, self._tables)
 
     def _proofs(self, atom: Atom) -> Iterator[Node]:
         """Yield one node for every rule that concludes an atom."""
@@ -235,6 +267,85 @@ class _Prover:
         if self._tables.bound(atom) is None:
             return "unknown"
         return "background" if atom in self._kb.background else "asserted"
+
+
+@dataclass(frozen=True)
+class Miss:
+    """How near a rule came to concluding something.
+
+    Attributes:
+        failed: the fewest literals and guards without which the rest of the body holds.
+        values: the constants of the variables in the rest of the body.
+    """
+
+    failed: tuple[Literal | Guard, ...]
+    values: Mapping[str, str]
+
+
+def nearest_miss(rule: Rule, tables: Tables, subject: str) -> Miss | None:
+    """Return how near a rule came to concluding its head for the subject.
+
+    Args:
+        rule: a rule with a unary head that did not conclude it.
+        tables: the scene.
+        subject: the entity.
+
+    Returns:
+        The nearest miss; the first in the order of the body where several are as near. None if
+        the rule's head is about another constant.
+    """
+    body, term = rule.clause.body, rule.clause.head.arguments[0]
+    if not is_variable(term) and term != subject:
+        return None
+    given = {term: subject} if is_variable(term) else {}
+    parts: tuple[Literal | Guard, ...] = (*body.literals, *body.guards)
+    for count in range(len(parts) + 1):
+        for failed in combinations(parts, count):
+            kept = [part for part in parts if part not in failed]
+            if not _evaluable(kept, set(given)):
+                continue
+            literals = tuple(part for part in kept if isinstance(part, Literal))
+            guards = tuple(part for part in kept if isinstance(part, Guard))
+            plan = Plan.of(Body(literals, guards), rule_criterion(rule), given=list(given))
+            found = plan.substitutions(tables, list(given.values()))
+            if found:
+                return Miss(failed, found[0])
+    raise AssertionError("the empty body always holds")
+
+
+def _evaluable(parts: Sequence[Literal | Guard], known: set[str]) -> bool:
+    """Tell whether every variable of a negated literal or a guard is bound by the other parts."""
+    literals = [part for part in parts if isinstance(part, Literal)]
+    bound = known.union(*(lit.atom.arguments for lit in literals if not lit.negated))
+    read = [term for lit in literals if lit.negated for term in lit.atom.arguments]
+    read += [term for part in parts if isinstance(part, Guard) for term in part]
+    return bound.issuperset(variables(*read))
+
+
+def _miss_node(rule: Rule, miss: Miss, tables: Tables) -> Node:
+    reasons = [_reason(part, miss.values, rule, tables) for part in miss.failed]
+    shown = ", ".join(f"{name} = {value}" for name, value in miss.values.items())
+    text = f"rule {rule.name} lacks {' and '.join(reasons)}" + (f", with {shown}" if shown else "")
+    failed = [str(part) for part in miss.failed]
+    return Node("miss", text, {"name": rule.name, "failed": failed, "with": dict(miss.values)})
+
+
+def _reason(part: Literal | Guard, values: Mapping[str, str], rule: Rule, tables: Tables) -> str:
+    if isinstance(part, Guard):
+        left, right = (values.get(term, term) for term in part)
+        return f"{left} != {right}"
+    atom = ground(part.atom, values)
+    bound = tables.bound(atom)
+    literal = f"not {atom}" if part.negated else str(atom)
+    if part.negated:
+        return f"{literal} (it is {bound})"
+    if bound is None:
+        return literal
+    if bound.upper == 0.0:
+        return f"{literal} (known to be false)"
+    if bound.lower < rule.threshold:
+        return f"{literal} (its {bound} is below the threshold {_number(rule.threshold)})"
+    return f"{literal} together with the rest"
 
 
 def _substitutions(rule: Rule, found: list[dict[str, str]]) -> Node:
