@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from sfol.errors import KnowledgeBaseError, did_you_mean
-from sfol.facts import DEFAULT_MARGIN
+from sfol.facts import DEFAULT_MARGIN, Facts
 from sfol.formula import Formula
 from sfol.syntax import Atom, Body, Clause
 
@@ -142,15 +142,21 @@ class Case(_Section):
 class Remove(_Section):
     """What an overlay drops from the knowledge base that it extends."""
 
-    predicates: list[str] = Field(default_factory=list)
-    rules: list[str] = Field(default_factory=list)
-    signals: list[str] = Field(default_factory=list)
-    weights: list[str] = Field(default_factory=list)
-    terms: list[str] = Field(default_factory=list)
+    predicates: list[str] = Field(default_factory=list, description="Without their variables.")
+    rules: list[str] = Field(default_factory=list, description="By name, not by head.")
+    signals: list[str] = Field(default_factory=list, description="By name.")
+    weights: list[str] = Field(default_factory=list, description="By name.")
+    terms: list[str] = Field(default_factory=list, description="By name.")
 
 
 def _as_rule_entry(value: Any) -> Any:
     return {"rule": value} if isinstance(value, str) else value
+
+
+# The input type is for the JSON Schema: a rule may be a plain text.
+_Rule = Annotated[
+    RuleEntry, BeforeValidator(_as_rule_entry, json_schema_input_type=str | RuleEntry)
+]
 
 
 class KnowledgeBaseFile(_Section):
@@ -168,7 +174,7 @@ class KnowledgeBaseFile(_Section):
     predicates: dict[str, str] = Field(
         default_factory=dict, description="Predicate with its variables → what it says."
     )
-    rules: dict[str, Annotated[RuleEntry, BeforeValidator(_as_rule_entry)]] = Field(
+    rules: dict[str, _Rule] = Field(
         default_factory=dict, description="Rule name → Horn clause, or clause with settings."
     )
     semantics: Semantics = Field(default_factory=Semantics, description="Operators.")
@@ -344,6 +350,28 @@ class KnowledgeBase:
         }
         text = json.dumps(meaning, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
+
+    def to_pyreason(self, facts: Facts) -> tuple[Any, list[Any], list[Any]]:
+        """Return the PyReason program of a scene, for those who want to go on from it.
+
+        All conclusions are among the facts, so that one run suffices: each rule then concludes its
+        own bound, under a head of its own such as ``safe3.8(ego)``.
+
+        Args:
+            facts: ground atoms with bounds.
+
+        Returns:
+            A networkx graph of the entities, PyReason rules and PyReason facts. The rules name
+            annotation functions: add each of `sfol.engines.pyreason_runtime.annotation_functions()`
+            and set ``pyreason.settings.allow_ground_rules``.
+
+        Raises:
+            MissingExtraError: PyReason is not installed.
+            FactError: a fact does not fit the knowledge base.
+        """
+        from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415
+
+        return PyReasonEngine(self).to_pyreason(facts)
 
     def grounding_of(self, section: str, model: type[_Model]) -> _Model:
         """Return a consumer's section of `grounding`, read by the consumer's own model.

@@ -1,0 +1,47 @@
+"""`sfol check`: is a knowledge base valid?"""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+
+import typer
+from pydantic import BaseModel
+
+from sfol.cli.app import app
+from sfol.cli.inputs import Sources, files
+from sfol.cli.output import escaped, print_errors, singles, stdout
+from sfol.errors import SfolError
+from sfol.loading import load
+
+
+@app.command()
+def check(sources: Sources) -> None:
+    """Check knowledge bases: YAML, names, clauses, formulas, and what they extend.
+
+    Every error is shown with file, line and column, and with what was probably meant.
+
+    Example: `sfol check rules/`
+    """
+    console = stdout()
+    sections = _sections()
+    shown: set[str] = set()  # an error in a base is an error of all that extend it: once is enough
+    for path in files(sources):
+        try:
+            kb = load(path, sections=sections)
+        except SfolError as error:
+            print_errors(error, but=shown)
+            shown |= {str(single) for single in singles(error)}
+            continue
+        console.print(
+            f"{escaped(path)}: [green]valid[/] "
+            f"({len(kb.predicates)} predicates, {len(kb.rules)} rules, {len(kb.weights)} weights, "
+            f"{len(kb.terms)} terms, {len(kb.tests)} tests)",
+            soft_wrap=True,
+        )
+    if shown:
+        raise typer.Exit(2)
+
+
+def _sections() -> dict[str, type[BaseModel]]:
+    """Return the models of the sections of `grounding` whose readers are installed."""
+    return {entry.name: entry.load() for entry in entry_points(group="sfol.grounding")}

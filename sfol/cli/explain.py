@@ -1,0 +1,61 @@
+"""`sfol explain`: why does a scene get its reward?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from sfol.cli.app import app
+from sfol.cli.inputs import Source, path_or_name, signals, text_argument
+from sfol.cli.output import stdout
+from sfol.errors import UsageError, did_you_mean
+from sfol.facts import Facts
+from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.reward import RewardFunction
+
+
+@app.command()
+def explain(  # noqa: PLR0913, PLR0917  (each is an option of the command line)
+    source: Source,
+    facts: Annotated[
+        str, typer.Option(help="Facts as text, or @FILE to read them from a file.")
+    ] = "",
+    signal: Annotated[
+        list[str] | None, typer.Option("--signal", "-s", help="A signal, such as v=6.0.")
+    ] = None,
+    case: Annotated[
+        str | None, typer.Option("--test", help="Take facts and signals of this test of the file.")
+    ] = None,
+    depth: Annotated[int | None, typer.Option(min=0, help="Show so many levels.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the tree as JSON.")] = False,
+) -> None:
+    """Show why a scene gets its reward: a proof tree from the reward down to the facts.
+
+    Example:
+    `sfol explain aeb --facts "Pedestrian(p1): 0.8. OnCrosswalk(p1)." -s v=6 -s v_next=5 -s d=9`
+    """
+    reward = RewardFunction(KnowledgeBase.load(path_or_name(source)))
+    chosen = _case(reward.kb, case) if case is not None else None
+    text = [] if chosen is None else chosen.facts
+    texts = [text] if isinstance(text, str) else list(text)
+    scene = Facts.parse([*texts, text_argument(facts)], margin=reward.kb.grounding.margin)
+    values = {**(chosen.signals if chosen else {}), **signals(signal or [])}
+    explanation = reward.explain(scene, depth=depth, **values)
+    if as_json:
+        print(json.dumps(explanation.to_dict(), indent=2))
+    elif sys.stdout.isatty():
+        stdout().print(explanation)
+    else:
+        print(explanation)
+
+
+def _case(kb: KnowledgeBase, name: str) -> Case:
+    cases = {case.name: case for case in kb.tests}
+    if name not in cases:
+        raise UsageError(
+            f"'{kb.name}' has no test '{name}'", name=name, suggestion=did_you_mean(name, cases)
+        )
+    return cases[name]

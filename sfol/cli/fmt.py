@@ -1,0 +1,89 @@
+"""`sfol fmt`: regular blanks in clauses."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sfol.cli.app import app
+from sfol.cli.inputs import Sources, files
+from sfol.cli.output import escaped, print_errors, stdout
+from sfol.errors import SfolError, UsageError
+from sfol.formatting import format_file
+from sfol.loading import load
+from sfol.writing import replacing
+
+_COLOURS = {"+": "green", "-": "red", "@": "cyan"}
+
+
+@app.command()
+def fmt(
+    sources: Sources,
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit with 1 if a file would change.")
+    ] = False,
+    diff: Annotated[
+        bool, typer.Option("--diff", help="Write nothing; print what would change.")
+    ] = False,
+) -> None:
+    """Format the clauses of knowledge bases.
+
+    `a(X):-B( X ) .` becomes `a(X) :- B(X).` Comments, order, line breaks and everything that is
+    no clause stay as they are. A file with errors is not touched.
+
+    Example: `sfol fmt rules/ --diff`
+    """
+    console = stdout()
+    changed, broken = 0, 0
+    for path in _paths(sources):
+        try:
+            old, new = _formatted(path)
+        except SfolError as error:
+            print_errors(error)
+            broken += 1
+            continue
+        if new == old:
+            continue
+        changed += 1
+        if diff:
+            _print_diff(console, path, old, new)
+        if check or diff:
+            console.print(f"{escaped(path)}: would be formatted", soft_wrap=True)
+            continue
+        with replacing(path) as part:
+            part.write_bytes(new.encode())
+        console.print(f"{escaped(path)}: formatted", soft_wrap=True)
+    if broken:
+        raise typer.Exit(2)
+    if changed and (check or diff):
+        raise typer.Exit(1)
+
+
+def _paths(sources: list[str]) -> Iterator[Path]:
+    for source in files(sources):
+        if isinstance(source, str) and not source.endswith((".yaml", ".yml")):
+            raise UsageError(
+                f"'{source}' is no file", name=source, suggestion="fmt takes files and folders"
+            )
+        yield Path(source)
+
+
+def _formatted(path: Path) -> tuple[str, str]:
+    """Return the text of a valid file, and the same formatted; line breaks are not translated."""
+    load(path)
+    text = path.read_bytes().decode()
+    return text, format_file(text)
+
+
+def _print_diff(console: Console, path: Path, old: str, new: str) -> None:
+    lines = difflib.unified_diff(
+        old.splitlines(), new.splitlines(), str(path), f"{path} formatted", lineterm=""
+    )
+    for line in lines:
+        colour = _COLOURS.get(line[:1], "default")
+        console.print(f"[{colour}]{escaped(line)}[/]", soft_wrap=True)

@@ -1,0 +1,73 @@
+"""`sfol lint`: what is allowed, but most likely not meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sfol.cli.app import app
+from sfol.cli.inputs import LogFile, Sources, files
+from sfol.cli.output import escaped, note_unknown, stdout
+from sfol.knowledge_base import KnowledgeBase
+from sfol.lint import DOMINANT, ENDINGS, Finding, lint_episodes, located
+from sfol.lint import lint as findings_of
+from sfol.logs import read_log
+from sfol.replay import replay
+
+_COLOURS = {"warning": "yellow", "info": "cyan"}
+
+
+@app.command()
+def lint(
+    sources: Sources,
+    log: LogFile = None,
+    endings: Annotated[
+        str, typer.Option(help="How episodes of the log end, from the worst to the best.")
+    ] = " < ".join(ENDINGS),
+    dominant: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of all reward that is too much for a term.")
+    ] = DOMINANT,
+) -> None:
+    """Find what is allowed in knowledge bases, but most likely not meant.
+
+    SF001 a rule that can never fire · SF002 an atom and its negation in one body · SF003 a
+    predicate that nothing reads · SF004 a weight that names a head without a rule · SF005 a rule
+    that holds only where another one does · SF006 averages over several groundings (info) · and
+    on the recorded episodes of a log: SF007 one term is nearly all of the reward · SF008 worse
+    endings return more than better ones.
+
+    A comment `# sfol: ignore SF003` on the line of a finding, or above it, hides it.
+
+    Example: `sfol lint rules/aeb.yaml --log runs/drives.parquet`
+    """
+    console = stdout()
+    recorded = read_log(log) if log else None
+    order = [ending.strip() for ending in endings.split("<")]
+    warnings = 0
+    for path in files(sources):
+        kb = KnowledgeBase.load(path)
+        findings = findings_of(kb)
+        if recorded is not None:
+            note_unknown(recorded, kb)
+            episodes = replay(recorded, kb)
+            findings += lint_episodes(kb, episodes, dominant=dominant, endings=order)
+        shown = located(kb, findings)
+        warnings += sum(finding.level == "warning" for finding in shown)
+        _print(console, path, shown)
+    if warnings:
+        raise typer.Exit(1)
+
+
+def _print(console: Console, path: str | Path, findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        console.print(
+            f"{escaped(finding.place or path)}: [{_COLOURS[finding.level]}]{finding.code}[/] "
+            f"{escaped(finding.message)} — {escaped(finding.suggestion)}",
+            soft_wrap=True,
+        )
+    if not findings:
+        console.print(f"{escaped(path)}: [green]nothing found[/]", soft_wrap=True)

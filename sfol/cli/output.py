@@ -1,0 +1,56 @@
+"""How the commands print."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from rich.console import Console
+
+from sfol.errors import InvalidKnowledgeBase, SfolError
+from sfol.knowledge_base import KnowledgeBase
+from sfol.logs import Log
+from sfol.replay import unknown_names
+
+
+def stdout() -> Console:
+    """Return a console for standard output; colours stand only where the program asks for them."""
+    return Console(highlight=False)
+
+
+def singles(error: SfolError) -> tuple[SfolError, ...]:
+    """Return the errors that an error is made of."""
+    return error.errors if isinstance(error, InvalidKnowledgeBase) else (error,)
+
+
+def print_errors(error: SfolError, *, but: Collection[str] = ()) -> None:
+    """Print an error, or all errors of a knowledge base, to standard error.
+
+    Args:
+        error: what went wrong.
+        but: texts of errors that were shown already.
+    """
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for single in singles(error):
+        if str(single) in but:
+            continue
+        place = f"{escaped(single.place)}: " if single.place else ""
+        hint = f" — {escaped(single.suggestion)}" if single.suggestion else ""
+        console.print(f"{place}[red]error:[/] {escaped(single.message)}{hint}")
+
+
+def note_unknown(log: Log, kb: KnowledgeBase) -> None:
+    """Say on standard error what of a log a knowledge base does not know and leaves out."""
+    names = unknown_names(log, kb)
+    if names:
+        note(f"'{kb.name}' does not know {', '.join(names)}; left out")
+
+
+def note(text: str) -> None:
+    """Say something on standard error that is no error."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(f"[yellow]note:[/] {escaped(text)}")
+
+
+def escaped(text: object) -> str:
+    """Return a text in which brackets are brackets, and not markup."""
+    return str(text).replace("[", "\\[")

@@ -1,0 +1,31 @@
+"""`sfol show`: what a knowledge base says, all that it extends included."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from sfol.cli.app import app
+from sfol.cli.inputs import Source, path_or_name
+from sfol.cli.output import stdout
+from sfol.knowledge_base import KnowledgeBase
+from sfol.printing import summary_table, to_yaml
+
+
+@app.command()
+def show(
+    source: Source,
+    as_yaml: Annotated[
+        bool, typer.Option("--yaml", help="Print one file that extends nothing.")
+    ] = False,
+) -> None:
+    """Show what a knowledge base says, with all that it extends applied.
+
+    Example: `sfol show crossing --yaml > flat.yaml`
+    """
+    kb = KnowledgeBase.load(path_or_name(source))
+    if as_yaml:
+        print(to_yaml(kb), end="")
+    else:
+        stdout().print(summary_table(kb))
