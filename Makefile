@@ -4,10 +4,10 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test lint bench docs clean
+.PHONY: help demo test test-long lint bench docs clean
 
 help:  ## Say what the targets do
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
 
 demo: $(INSTALLED)  ## Drive the occluded crossing, print the episodes, write runs/demo/report.html
 	$(BIN)/aeb demo
@@ -15,12 +15,17 @@ demo: $(INSTALLED)  ## Drive the occluded crossing, print the episodes, write ru
 test: $(INSTALLED)  ## Run all tests
 	$(BIN)/python -m pytest
 
+test-long: $(INSTALLED)  ## Run the tests that take long: many more random cases
+	$(BIN)/python -m pytest -m long
+
 lint: $(INSTALLED)  ## Check style, types and the bundled knowledge bases
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/sfol check rules/
-	$(BIN)/sfol test rules/aeb.yaml
+	$(BIN)/sfol fmt --check rules/
+	$(BIN)/sfol lint rules/
+	$(BIN)/sfol test rules/
 
 bench: $(INSTALLED)  ## Measure the speed of every stage; prints JSON
 	$(BIN)/aeb bench

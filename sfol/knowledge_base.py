@@ -326,8 +326,10 @@ class KnowledgeBase:
     def hash(self) -> str:
         """A digest of everything that can change a reward or a descriptor, 64 hex digits.
 
-        Names of files, descriptions and tests are not part of it.
+        Names of files, descriptions, tests, and coefficients of heads that no rule concludes are
+        not part of it.
         """
+        heads = set(self.heads)
         meaning = {
             "subject": self.subject,
             "background": sorted(map(str, self.background)),
@@ -338,7 +340,10 @@ class KnowledgeBase:
             "semantics": [*self.semantics.model_dump().values(), self.semantics.pools],
             "signals": {name: signal.default for name, signal in self.signals.items()},
             "weights": {
-                name: [weight.normalizer, weight.coefficients]
+                name: [
+                    weight.normalizer,
+                    {head: c for head, c in weight.coefficients.items() if head in heads},
+                ]
                 for name, weight in self.weights.items()
             },
             "terms": {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -136,6 +136,23 @@ class RewardFunction:
     def engine(self) -> Engine:
         """The engine that draws the conclusions."""
         return self._engine
+
+    @property
+    def hash(self) -> str:
+        """The knowledge base's hash, with the coefficients and parameters as they are now."""
+        return self.current().hash
+
+    def current(self) -> KnowledgeBase:
+        """Return the knowledge base with the coefficients and parameters as they are now."""
+        weights = {
+            name: weight.model_copy(update={"coefficients": _floats(self.coefficients[name])})
+            for name, weight in self.kb.weights.items()
+        }
+        terms = {
+            name: replace(term, parameters=_floats(self.parameters[name]))
+            for name, term in self.kb.terms.items()
+        }
+        return replace(self.kb, weights=weights, terms=terms)
 
     def facts(self) -> Facts:
         """Return an empty set of facts with the knowledge base's margin."""
@@ -336,6 +353,10 @@ class RewardFunction:
     @staticmethod
     def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:
         return ((name, dict(numbers)) for name, numbers in groups.items())
+
+
+def _floats(numbers: Mapping[str, Array]) -> dict[str, float]:
+    return {name: float(number) for name, number in numbers.items()}
 
 
 def _of_term(error: FormulaError, term: str) -> FormulaError:

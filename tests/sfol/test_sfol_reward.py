@@ -268,3 +268,15 @@ def test_coefficients_and_parameters_can_be_set_and_only_those_there_are():
 def test_an_unknown_engine():
     with pytest.raises(UsageError, match="did you mean 'compiled'"):
         RewardFunction("aeb", engine="compild")
+
+
+def test_the_hash_of_a_reward_includes_what_was_set():
+    reward = RewardFunction("aeb")
+    assert reward.hash == reward.kb.hash
+    reward.coefficients["safety"]["safe2"] = 0.5
+    assert reward.hash != reward.kb.hash
+    assert reward.current().weights["safety"].coefficients["safe2"] == 0.5
+    reward.coefficients["safety"]["safe2"] = 1.0
+    assert reward.hash == reward.kb.hash
+    reward.parameters["comfort"]["xi"] = 0.1
+    assert RewardFunction(reward.current()).hash == reward.hash != reward.kb.hash
