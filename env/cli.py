@@ -177,7 +177,7 @@ def _episode_table(episodes: Sequence[Episode]) -> Table:
     table = Table(title="Episodes", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("driver", "cell", "ending"):
         table.add_column(name, no_wrap=True)
-    for name in ("s", "top km/h", "closest m", "TTC s", "return"):
+    for name in ("s", "km/h", "near m", "TTC s", "return"):
         table.add_column(name, justify="right", no_wrap=True)
     colours = {"success": "green", "collision": "red", "timeout": "yellow"}
     for episode in episodes:

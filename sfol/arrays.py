@@ -103,6 +103,10 @@ class NumpyBackend:
         """Return the sum of every group."""
         return np.bincount(groups, weights=values, minlength=count)
 
+    def count_of(self, groups: npt.NDArray[Any], count: int) -> Array:
+        """Return the number of members of every group, as a real number."""
+        return np.bincount(groups, minlength=count).astype(np.float64)
+
     def largest_of(self, values: npt.NDArray[Any], groups: npt.NDArray[Any], count: int) -> Array:
         """Return the largest of every group, or minus infinity."""
         largest = np.full(count, -np.inf)
@@ -149,6 +153,10 @@ class TorchBackend:
     def sum_of(self, values: Any, groups: Any, count: int) -> Any:
         """Return the sum of every group."""
         return self.full(count, 0.0).index_add(0, groups, values.to(self._dtype))
+
+    def count_of(self, groups: Any, count: int) -> Any:
+        """Return the number of members of every group, as a real number."""
+        return self._torch.bincount(groups, minlength=count).to(self._dtype)
 
     def largest_of(self, values: Any, groups: Any, count: int) -> Any:
         """Return the largest of every group, or minus infinity."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 from sfol.errors import FactError, did_you_mean
@@ -141,14 +142,21 @@ class Facts:
             FactError: a name, a bound or the number of constants is wrong, or the atom is
                 already known with another bound.
         """
-        new = self._new_bound(predicate, constants, confidence, bound)
-        relation = self._relations.get(predicate, {})
+        if bound is None and confidence is None:
+            new = TRUE
+        else:
+            new = self._new_bound(predicate, constants, confidence, bound)
+        relation = self._relations.get(predicate)
+        if relation is None:
+            _check_new(predicate, constants)
+            self._relations[predicate] = {constants: new}
+            return
         old = relation.get(constants)
         if old is None:
             _check_atom(predicate, constants, relation)
         elif old != new:
             new = self._merged(Atom(predicate, constants), old, new, merge)
-        self._relations.setdefault(predicate, {})[constants] = new
+        relation[constants] = new
 
     def bound(self, predicate: str, *constants: str) -> Bound | None:
         """Return the bound of an atom, or None if it is unknown."""
@@ -216,8 +224,10 @@ class Facts:
         confidence: float | None,
         bound: tuple[float, float] | None,
     ) -> Bound:
-        if confidence is None and bound is None:
-            return TRUE
+        if bound is not None and confidence is None:
+            lower, upper = bound
+            if 0.0 <= lower <= upper <= 1.0:  # spares the text that only an error needs
+                return bound if type(bound) is Bound else Bound(float(lower), float(upper))
         atom = f"{predicate}({', '.join(map(str, constants))})"
         if bound is None:
             assert confidence is not None
@@ -254,7 +264,8 @@ def _fact_text(atom: Atom, bound: Bound) -> str:
     return f"{atom}: [{bound.lower!r}, {bound.upper!r}]."
 
 
-def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) -> None:
+def _check_new(predicate: str, constants: tuple[str, ...]) -> None:
+    """Check the first atom of a predicate."""
     if not is_name(predicate):
         raise FactError(f"'{predicate}' is not a predicate", name=predicate)
     if len(constants) not in (1, 2):
@@ -263,8 +274,12 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
             name=predicate,
             suggestion="an atom has one or two",
         )
+    _check_atom(predicate, constants, {})
+
+
+def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) -> None:
     for constant in constants:
-        if not isinstance(constant, str) or not is_name(constant) or is_variable(constant):
+        if not _is_constant(constant):
             raise FactError(
                 f"'{constant}' in {predicate} is not a constant",
                 name=str(constant),
@@ -277,3 +292,8 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
             f"'{predicate}' has {len(constants)} constants here and {elsewhere} elsewhere",
             name=predicate,
         )
+
+
+@lru_cache(maxsize=65_536)  # the same few names come at every step
+def _is_constant(name: str) -> bool:
+    return isinstance(name, str) and is_name(name) and not is_variable(name)

@@ -25,7 +25,8 @@ FORMAT_VERSION = 1
 
 class _Section(BaseModel):
     # Strict: a typo is an error, and the text "0.5" is not a number.
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    # Deferred: the validators are built when a file is first loaded, not at import.
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 class RuleEntry(_Section):
@@ -107,7 +108,7 @@ class EntityWeight(_Section):
 class Grounding(BaseModel):
     """Numbers for whoever turns observations into facts; sfol itself reads only the margin."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
 
     margin: float = Field(
         DEFAULT_MARGIN, ge=0, le=1, description="m: a confidence c becomes [c − m c, c + m c]."

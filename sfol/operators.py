@@ -7,7 +7,7 @@ so that a bound stays a bound: each is monotone in every argument.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -35,7 +35,7 @@ class Operator:
     combine: Callable[[Sequence[float]], float]
     elementwise: Callable[[Sequence[Array]], Array]
 
-    def __call__(self, bounds: Sequence[Bound]) -> Bound:
+    def __call__(self, bounds: Iterable[Bound]) -> Bound:
         """Combine lower bounds with lower, upper with upper.
 
         Args:

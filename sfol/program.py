@@ -62,6 +62,10 @@ class Tables:
         """Return the bound of a ground atom, or None if it is unknown."""
         return self._relations.get(atom.predicate, _EMPTY).get(atom.arguments)
 
+    def has_all(self, predicates: frozenset[str]) -> bool:
+        """Tell whether something is known of every one of these predicates."""
+        return predicates <= self._relations.keys()
+
     def rows(self, predicate: str) -> Relation:
         """Return all known atoms of a predicate: arguments → bound."""
         return self._relations.get(predicate, _EMPTY)
@@ -158,6 +162,7 @@ class Plan:
     variables: tuple[str, ...]
     given: int
     _constants: tuple[str, ...]
+    _needed: frozenset[str]
     _first: _Step
 
     @classmethod
@@ -177,7 +182,8 @@ class Plan:
         step: _Step = _visit
         for make in reversed(list(_steps(body, criterion, slots, {*given, *constants}))):
             step = make(step)
-        return cls(body, names, len(given), constants, step)
+        needed = frozenset(lit.atom.predicate for lit in body.literals if not lit.negated)
+        return cls(body, names, len(given), constants, needed, step)
 
     def search(
         self, tables: Tables, visit: Callable[[Search], None], given: Sequence[str] = ()
@@ -190,6 +196,8 @@ class Plan:
                 substitution and change after the call.
             given: values of the variables that are given.
         """
+        if not tables.has_all(self._needed):
+            return
         free = len(self.variables) - self.given
         values = [*given, *("",) * free, *self._constants]
         self._first(Search(tables, values, len(self.body.literals), visit))

@@ -126,6 +126,9 @@ class RewardFunction:
             name: Numbers(term.parameters, f"the term '{name}'")
             for name, term in self.kb.terms.items()
         }
+        self._head_atoms = [
+            (head, Atom(head, (self.kb.subject,))) for head in self._engine.program.subject_heads
+        ]
         self._confidence = CONFIDENCES[self.kb.semantics.confidence]
         self._conditions = [
             (Plan.of(c.when, condition_criterion(c), given=["X"]), c.weight)
@@ -255,11 +258,7 @@ class RewardFunction:
         return _rebuild, (self.kb, self._engine_name, *numbers)
 
     def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
-        subject = (self.kb.subject,)
-        bounds = {
-            head: conclusions.tables.bound(Atom(head, subject))
-            for head in self._engine.program.subject_heads
-        }
+        bounds = {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
         confidences = {
             head: 0.0 if bound is None else self._confidence(*bound)
             for head, bound in bounds.items()

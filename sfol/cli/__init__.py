@@ -1,11 +1,25 @@
 """The command `sfol`: one module per command; each adds itself to the application."""
 
-# The order of these imports is that of `sfol --help`.
-from sfol.cli import init, check, cases, show, explain, lint, fmt, diff, replay, graph, schema  # noqa: I001
+# ruff: noqa: I001  (the order of these imports is that of `sfol --help`)
+from sfol.cli import (
+    init,
+    check,
+    cases,
+    show,
+    explain,
+    lint,
+    fmt,
+    diff,
+    replay,
+    graph,
+    schema,
+    bench,
+)
 from sfol.cli.app import main
 from sfol.cli.output import print_errors
 
 __all__ = [
+    "bench",
     "cases",
     "check",
     "diff",

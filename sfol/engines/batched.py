@@ -64,6 +64,7 @@ class _Evaluation:
         self._lower = backend.array(batch.lower)
         self._upper = backend.array(batch.upper)
         self._known = backend.array(batch.known)
+        self._supports = self._known & (self._upper > 0.0)  # what a positive literal may rest on
 
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
@@ -75,6 +76,7 @@ class _Evaluation:
             self._lower = self._backend.put(self._lower, rows, concluded.lower)
             self._upper = self._backend.put(self._upper, rows, concluded.upper)
             self._known = self._backend.put(self._known, rows, concluded.known)
+            self._supports = self._known & (self._upper > 0.0)
         return concluded
 
     def by_scene(self, stratum: Stratum, bounds: Bounds) -> Bounds:
@@ -102,52 +104,53 @@ class _Evaluation:
         lower = arrays.where(atoms.known, 1.0 - atoms.upper, 1.0)
         return Bounds(lower, arrays.where(atoms.known, 1.0 - atoms.lower, 1.0), atoms.known)
 
-    def _holds(self, rule: Groundings, index: int, literal: Bounds) -> Array:
-        """Tell where a literal holds, from its bounds."""
+    def _holds(self, rule: Groundings, index: int) -> Array:
+        """Tell under which substitutions a literal holds."""
+        take, rows = self._backend.take, self._backend.array(rule.rows[index])
         if rule.rule.clause.body.literals[index].negated:
-            return literal.lower >= rule.rule.negation_threshold
-        holds = literal.known & (literal.upper > 0.0)
+            return self._literal(rule, index, rows).lower >= rule.rule.negation_threshold
+        holds = take(self._supports, rows)
         threshold = rule.rule.threshold
-        return holds & (literal.lower >= threshold) if threshold > 0.0 else holds
+        return holds & (take(self._lower, rows) >= threshold) if threshold > 0.0 else holds
 
-    def _satisfying(self, rule: Groundings) -> tuple[list[Bounds], Array]:
-        """Return the literals' bounds under every substitution, and which satisfy the body."""
-        literals = [self._literal(rule, i, rows) for i, rows in enumerate(rule.rows)]
-        satisfies = self._holds(rule, 0, literals[0])
-        for i, literal in enumerate(literals[1:], start=1):
-            satisfies = satisfies & self._holds(rule, i, literal)
-        return literals, satisfies
+    def _satisfying(self, rule: Groundings) -> Array:
+        """Tell which substitutions satisfy the body."""
+        satisfies = self._holds(rule, 0)
+        for index in range(1, len(rule.rows)):
+            satisfies = satisfies & self._holds(rule, index)
+        return satisfies
 
     def _pooled(self, rule: Groundings, heads: int) -> Bounds:
         """Average over each literal's distinct atoms, all together."""
         backend = self._backend
-        _, satisfies = self._satisfying(rule)
+        satisfies = self._satisfying(rule)
         lower = upper = count = backend.full(heads, 0.0)
         for index, pairs in enumerate(rule.pairs):
-            of, groups = backend.array(pairs.of), backend.array(pairs.heads)
-            used = backend.any_of(satisfies, of, len(pairs.rows))
-            bounds = self._literal(rule, index, pairs.rows)
-            lower = lower + backend.sum_of(arrays.where(used, bounds.lower, 0.0), groups, heads)
-            upper = upper + backend.sum_of(arrays.where(used, bounds.upper, 0.0), groups, heads)
-            count = count + backend.sum_of(1.0 * used, groups, heads)
+            used = backend.any_of(satisfies, backend.array(pairs.of), len(pairs.rows))
+            groups = backend.array(pairs.heads)[used]
+            bounds = self._literal(rule, index, backend.array(pairs.rows)[used])
+            lower = lower + backend.sum_of(bounds.lower, groups, heads)
+            upper = upper + backend.sum_of(bounds.upper, groups, heads)
+            count = count + backend.count_of(groups, heads)
         atoms = arrays.maximum(count, 1.0)
         return Bounds(lower / atoms, upper / atoms, count > 0.0)
 
     def _best(self, rule: Groundings, heads: int) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
         backend = self._backend
-        literals, satisfies = self._satisfying(rule)
-        groups = backend.array(rule.heads)
-        known = backend.any_of(satisfies, groups, heads)
+        satisfies = self._satisfying(rule)
+        groups = backend.array(rule.heads)[satisfies]
+        literals = [
+            self._literal(rule, index, backend.array(rows)[satisfies])
+            for index, rows in enumerate(rule.rows)
+        ]
+        known = backend.count_of(groups, heads) > 0.0
         ends = (
             self._conjunction.elementwise([bounds.lower for bounds in literals]),
             self._conjunction.elementwise([bounds.upper for bounds in literals]),
         )
         lower, upper = (
-            arrays.where(
-                known, backend.largest_of(arrays.where(satisfies, e, -1.0), groups, heads), 0.0
-            )
-            for e in ends
+            arrays.where(known, backend.largest_of(end, groups, heads), 0.0) for end in ends
         )
         return Bounds(lower, upper, known)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
@@ -44,11 +44,7 @@ class CompiledEngine:
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
         conjunction = CONJUNCTIONS[kb.semantics.conjunction]
         pools = kb.semantics.pools
-        self._gatherer: Callable[[int], _Pool | _Best] = (
-            (lambda literals: _Pool(conjunction, literals))
-            if pools
-            else lambda _: _Best(conjunction)
-        )
+        self._gatherer = partial(_Pool if pools else _Best, conjunction)
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -74,12 +70,11 @@ class CompiledEngine:
         """Return what one rule alone concludes: arguments of its head → bound."""
         gathered: dict[Constants, _Pool | _Best] = {}
         head_of = plan.reader(rule.clause.head)
-        literals = len(plan.body.literals)
 
         def visit(search: Search) -> None:
             head = head_of(search)
             if head not in gathered:
-                gathered[head] = self._gatherer(literals)
+                gathered[head] = self._gatherer()
             gathered[head].add(search)
 
         plan.search(tables, visit)
@@ -97,7 +92,7 @@ class CompiledEngine:
     ) -> list[tuple[Atom, Bound]]:
         disjuncts = []
         for plan, given in plans:
-            gathered = self._gatherer(len(plan.body.literals))
+            gathered = self._gatherer()
             plan.search(tables, gathered.add, given)
             if gathered:
                 disjuncts.append(gathered.bound())
@@ -133,19 +128,18 @@ class _Pool:
 
     __slots__ = ("_atoms", "_conjunction")
 
-    def __init__(self, conjunction: Operator, literals: int) -> None:
+    def __init__(self, conjunction: Operator) -> None:
         self._conjunction = conjunction
-        self._atoms: list[dict[Constants, Bound]] = [{} for _ in range(literals)]
+        self._atoms: dict[tuple[int, Constants], Bound] = {}
 
     def add(self, search: Search) -> None:
-        for atoms, key, bound in zip(self._atoms, search.keys, search.bounds, strict=True):
-            atoms[key] = bound
+        self._atoms.update(zip(enumerate(search.keys), search.bounds, strict=True))
 
     def __bool__(self) -> bool:
-        return bool(self._atoms[0])
+        return bool(self._atoms)
 
     def bound(self) -> Bound:
-        return self._conjunction([bound for atoms in self._atoms for bound in atoms.values()])
+        return self._conjunction(self._atoms.values())
 
 
 class _Best:

@@ -1,0 +1,57 @@
+"""`sfol bench`: how fast is a knowledge base?"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from sfol.bench import measure
+from sfol.cli.app import app
+from sfol.cli.inputs import Source, path_or_name
+from sfol.cli.output import stdout
+from sfol.knowledge_base import KnowledgeBase
+
+
+@app.command()
+def bench(
+    source: Source,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Measure single calls, batches and gradients, both engines side by side, all in one run.
+
+    The scene is the file's test with the most facts; the entity of which the most is said is
+    repeated 1, 10, 25 and 50 times. Figures are medians.
+
+    Example: `sfol bench rules/aeb.yaml --json`
+    """
+    kb = KnowledgeBase.load(path_or_name(source))
+    with Console(stderr=True).status("measuring") as status:
+        figures = measure(kb, progress=lambda stage: status.update(f"measuring: {stage}"))
+    if as_json:
+        print(json.dumps(figures, indent=2))
+    else:
+        _print_tables(stdout(), figures)
+
+
+def _print_tables(console: Console, figures: dict[str, Any]) -> None:
+    console.print(f"scene: {figures['scene']}; repeated: {figures['repeated']}")
+    console.print(_table("one call, by how often it is repeated", figures["single"]))
+    console.print(_table("batches, by number of scenes", figures["batch"]))
+    flat = {name: figures[name] for name in ("import", "gradient") if figures[name]}
+    for name, numbers in flat.items():
+        shown = ", ".join(f"{key} {value:g}" for key, value in numbers.items())
+        console.print(f"{name}: {shown}")
+
+
+def _table(title: str, rows: dict[str, dict[str, float]]) -> Table:
+    columns = list(next(iter(rows.values())))
+    table = Table("", title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column.replace("_", " "), justify="right")
+    for name, numbers in rows.items():
+        table.add_row(name, *(f"{numbers[column]:,}" for column in columns))
+    return table
