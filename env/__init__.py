@@ -5,15 +5,9 @@ Example:
     >>> street = gymnasium.make("env:OccludedCrossing-v0", traffic="high", occlusion="full")
 """
 
-from sfol.errors import MissingExtraError
+from contextlib import suppress
 
-try:
+with suppress(ModuleNotFoundError):  # without Gymnasium nobody can ask for an environment by its id
     from gymnasium.envs.registration import register
-except ImportError as error:
-    raise MissingExtraError(
-        "the bundled street needs gymnasium",
-        name="gymnasium",
-        suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
-    ) from error
 
-register(id="OccludedCrossing-v0", entry_point="env.crossing:OccludedCrossing")
+    register(id="OccludedCrossing-v0", entry_point="env.crossing:OccludedCrossing")
