@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test test-long lint bench docs clean
+.PHONY: help demo test test-long coverage lint bench docs clean
 
 help:  ## Say what the targets do
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -17,6 +17,9 @@ test: $(INSTALLED)  ## Run all tests
 
 test-long: $(INSTALLED)  ## Run the tests that take long: many more random cases
 	$(BIN)/python -m pytest -m long
+
+coverage: $(INSTALLED)  ## Run all tests and show which lines and branches they miss
+	$(BIN)/python -m pytest --cov --cov-report=term-missing
 
 lint: $(INSTALLED)  ## Check style, types and the bundled knowledge bases
 	$(BIN)/ruff check .
