@@ -22,7 +22,7 @@ from env.actors import Behaviour, Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS
 from env.episode import Episode, Step
-from env.evaluate import coverage, drive, most_dangerous
+from env.evaluate import coverage, drive, most_dangerous, signals_of, write_log
 from env.report import Focus, Provenance, write_report
 from env.world import Occlusion
 from sfol.cli import print_errors
@@ -84,7 +84,8 @@ def demo(
     """Drive four episodes, explain the most dangerous moment, write a report.
 
     At every step the camera image is segmented, entities and facts are found, the rules are
-    applied and the reward is computed. The report is one page that needs no network.
+    applied and the reward is computed. The report is one page that needs no network; the log beside
+    it is for `sfol diff --log` and `sfol replay`.
 
     Example: `aeb demo --rules my_rules.yaml --output runs/mine`
     """
@@ -115,7 +116,10 @@ def demo(
     )
     focus = Focus(which, index, explanation)
     write_report(path, episodes, groups, focus, Provenance(kb.name, kb.hash, made))
+    log = output / "episodes.parquet"
+    write_log(log, episodes, kb)
     console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
+    console.print(f"Try other rules on these steps: sfol diff {rules} FILE --log {log}")
 
 
 @app.command()
@@ -161,9 +165,7 @@ def _drive_one(plan: DemoDrive, kb: sfol.KnowledgeBase, bars: Progress) -> Episo
 
 def _explain(kb: sfol.KnowledgeBase, step: Step) -> object:
     facts = Facts.parse(step.facts, margin=kb.grounding.margin)
-    return sfol.RewardFunction(kb).explain(
-        facts, v=step.speed, v_next=step.speed_next, d=step.distance
-    )
+    return sfol.RewardFunction(kb).explain(facts, **signals_of(step))
 
 
 def _print_summary(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,9 @@ import torch
 from env.crossing import OccludedCrossing
 from env.drivers import Driver
 from env.episode import Ending, Episode, SeenEntity, Step
+from sfol.facts import Facts
+from sfol.knowledge_base import KnowledgeBase
+from sfol.logs import LogWriter
 from sfol.syntax import Atom
 from vsr.classes import DYNAMIC_CLASSES
 from vsr.codebook import Codebook
@@ -139,6 +143,27 @@ def coverage(episodes: Iterable[Episode], heads: Iterable[str]) -> dict[str, int
     """Return for every head in how many steps its confidence was above zero."""
     steps = [step for episode in episodes for step in episode.steps]
     return {head: sum(step.confidences.get(head, 0.0) > 0.0 for step in steps) for head in heads}
+
+
+def write_log(path: Path, episodes: Iterable[Episode], kb: KnowledgeBase) -> None:
+    """Write facts and signals of every step, for ``sfol diff --log`` and ``sfol replay``.
+
+    Args:
+        path: the file, which is replaced if it exists.
+        episodes: driven under the knowledge base.
+        kb: the knowledge base.
+    """
+    with LogWriter(path, kb) as log:
+        for episode in episodes:
+            for step in episode.steps:
+                facts = Facts.parse(step.facts, margin=kb.grounding.margin)
+                log.step(facts, time=step.time, **signals_of(step))
+            log.end_episode(episode.ending)
+
+
+def signals_of(step: Step) -> dict[str, float]:
+    """Return the signals that a step's reward was computed from."""
+    return {"v": step.speed, "v_next": step.speed_next, "d": step.distance}
 
 
 def _atoms_by_entity(facts: Iterable[Atom]) -> dict[str, tuple[str, ...]]:

@@ -26,6 +26,7 @@ Tuples = Sequence[tuple[Atom, Bound]]
 
 SIZES = (1, 10, 25, 50)
 BATCHES = (1, 16, 256, 4096, 65_536)
+GRADIENT_SCENES = 4096
 _SECONDS = 0.5  # how long each figure is measured
 
 
@@ -156,7 +157,7 @@ def _gradient(kb: KnowledgeBase, case: Case, entity: str) -> dict[str, float] | 
     import torch  # noqa: PLC0415  (slow, and optional)
 
     reward = RewardFunction(kb)
-    batch = reward.batch([_facts(repeated(kb, case, entity, 10))] * 4096)
+    batch = reward.batch([_facts(repeated(kb, case, entity, 10))] * GRADIENT_SCENES)
     for numbers in reward.coefficients.values():
         for head in numbers:
             numbers[head] = torch.tensor(numbers[head], dtype=torch.float64, requires_grad=True)  # type: ignore[assignment]

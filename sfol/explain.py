@@ -86,6 +86,10 @@ class Explanation:
         """Return the tree as plain data for JSON."""
         return self.root.to_dict()
 
+    def cut(self, depth: int) -> Explanation:
+        """Return the explanation with at most so many levels below the reward."""
+        return Explanation(self.root.cut(depth))
+
     def to_networkx(self) -> networkx.DiGraph[int]:
         """Return the tree as a directed graph from each statement to what it rests on.
 
@@ -119,8 +123,6 @@ def explain(
     conclusions: Conclusions,
     outcome: Outcome,
     signals: Mapping[str, float],
-    *,
-    depth: int | None = None,
 ) -> Explanation:
     """Return the proof tree of an outcome.
 
@@ -129,10 +131,8 @@ def explain(
         conclusions: what its engine concluded.
         outcome: the outcome itself.
         signals: the signals that it was given, defaults filled in.
-        depth: how many levels below the reward to keep; None keeps all.
     """
-    root = _Prover(reward, conclusions, outcome, signals).reward()
-    return Explanation(root if depth is None else root.cut(depth))
+    return Explanation(_Prover(reward, conclusions, outcome, signals).reward())
 
 
 class _Prover:

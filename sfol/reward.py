@@ -206,12 +206,11 @@ class RewardFunction:
             return self._batch_outcome(facts, values)
         return self._outcome(self._engine.conclude(facts), values)
 
-    def explain(self, facts: Facts, *, depth: int | None = None, **signals: float) -> Explanation:
+    def explain(self, facts: Facts, **signals: float) -> Explanation:
         """Return the proof tree of a reward: print it, or read its nodes.
 
         Args:
             facts: as for `evaluate`.
-            depth: how many levels to show; None shows all.
             signals: as for `evaluate`.
 
         Raises:
@@ -222,7 +221,7 @@ class RewardFunction:
         values = self._signals(signals)
         conclusions = self._engine.conclude(facts)
         outcome = self._outcome(conclusions, values)
-        return explain(self, conclusions, outcome, values, depth=depth)
+        return explain(self, conclusions, outcome, values)
 
     def entity_weights(self, facts: Facts, entities: Iterable[str]) -> dict[str, float]:
         """Return the descriptor's weight w_i of each entity: the first condition that holds.

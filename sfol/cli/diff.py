@@ -178,7 +178,7 @@ def _print_log(
             f"\n[bold]The worst step {title}[/]: episode {worst.episode}, step {worst.step}, "
             f"under '{escaped(kb.name)}'"
         )
-        console.print(RewardFunction(kb).explain(facts, depth=None, **signals))
+        console.print(RewardFunction(kb).explain(facts, **signals))
 
 
 def _movements(difference: LogDifference) -> Table:

@@ -43,7 +43,9 @@ def explain(  # noqa: PLR0913, PLR0917  (each is an option of the command line)
     texts = [text] if isinstance(text, str) else list(text)
     scene = Facts.parse([*texts, text_argument(facts)], margin=reward.kb.grounding.margin)
     values = {**(chosen.signals if chosen else {}), **signals(signal or [])}
-    explanation = reward.explain(scene, depth=depth, **values)
+    explanation = reward.explain(scene, **values)
+    if depth is not None:
+        explanation = explanation.cut(depth)
     if as_json:
         print(json.dumps(explanation.to_dict(), indent=2))
     elif sys.stdout.isatty():

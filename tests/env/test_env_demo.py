@@ -13,6 +13,7 @@ from env.cli import app
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS
 from env.evaluate import coverage, drive, most_dangerous
+from sfol.logs import read_log
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,18 @@ def demo(tmp_path_factory):
 def test_the_demo_ends_well_and_writes_the_report(demo):
     result, folder = demo
     assert result.exit_code == 0, result.output
-    assert [path.name for path in folder.iterdir()] == ["report.html"]
+    assert {path.name for path in folder.iterdir()} == {"report.html", "episodes.parquet"}
+
+
+def test_its_log_gives_the_same_rewards_again(demo):
+    returns = re.findall(r"(-?\d+\.\d) *$", demo[0].output, re.MULTILINE)
+    log = read_log(demo[1] / "episodes.parquet")
+    reward = sfol.RewardFunction("crossing")
+    totals = [
+        sum(reward(step.facts, **step.signals) for step in episode.steps)
+        for episode in log.episodes
+    ]
+    assert [f"{total:.1f}" for total in totals] == returns[:4]
 
 
 def test_it_prints_the_episodes_and_the_proof_of_the_most_dangerous_moment(demo):

@@ -17,6 +17,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(sfol.bench, "_SECONDS", 0.0)
     monkeypatch.setattr(sfol.bench, "SIZES", (1, 3))
     monkeypatch.setattr(sfol.bench, "BATCHES", (1, 4))
+    monkeypatch.setattr(sfol.bench, "GRADIENT_SCENES", 4)
     monkeypatch.setattr(sfol.bench, "find_spec", lambda name: name == "torch")
 
 

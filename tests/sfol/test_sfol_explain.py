@@ -62,12 +62,12 @@ def test_it_is_json(explanation):
 
 def test_a_depth_limit_cuts_and_says_so():
     reward = RewardFunction("aeb")
-    shallow = str(reward.explain(FACTS, depth=1, **SIGNALS))
+    shallow = str(reward.explain(FACTS, **SIGNALS).cut(1))
     assert "safety -" in shallow
     assert "safe1" not in shallow
     assert "…" in shallow
-    assert len(str(reward.explain(FACTS, depth=0, **SIGNALS)).splitlines()) == 2
-    deep = reward.explain(FACTS, depth=50, **SIGNALS)
+    assert len(str(reward.explain(FACTS, **SIGNALS).cut(0)).splitlines()) == 2
+    deep = reward.explain(FACTS, **SIGNALS).cut(50)
     assert deep.to_dict() == reward.explain(FACTS, **SIGNALS).to_dict()
 
 
