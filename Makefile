@@ -44,7 +44,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	  { echo "Python 3.11 is needed (pybullet has no wheel for newer ones): make PYTHON=/path/to/python3.11"; exit 1; }
 	@echo "Installing into $(VENV); this takes a few minutes, once."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[aeb,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[aeb,pyreason,dev]'
 	@touch $@
 
 $(VENV)/.docs: $(INSTALLED)

@@ -1,11 +1,11 @@
-"""Runs the `tests` of a knowledge base, with rule coverage."""
+"""Runs the `tests` of a knowledge base, with rule coverage; and the naive reference."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from sfol.errors import SfolError
@@ -156,14 +156,15 @@ def naive_conclusions(kb: KnowledgeBase, facts: Facts) -> dict[Atom, Bound]:
     """
     # Facts map ground atoms to bounds; the background always holds, with [1, 1].
     known = {**{atom: Bound(1.0, 1.0) for atom in kb.background}, **dict(facts.items())}
-    # Entities are the constants that occur in facts, plus the subject.
-    entities = sorted({kb.subject}.union(*(atom.arguments for atom in known)))
     derived: dict[Atom, Bound] = {}
     # Strata are evaluated in order, each to the end.
     waiting = list(kb.heads)
     while waiting:
         head = next(name for name in waiting if not _reads(kb, name) & set(waiting))
         waiting.remove(head)
+        # Entities are the constants that occur in facts, plus the subject. To a later stratum the
+        # conclusions of an earlier one are facts as well.
+        entities = sorted({kb.subject}.union(*(atom.arguments for atom in known)))
         conclusions = _naive_stratum(kb, head, known, entities)
         derived.update(conclusions)
         known.update(conclusions)
@@ -269,22 +270,28 @@ def _naive_best(
 
 
 def _conjunction(kb: KnowledgeBase, bounds: Sequence[Bound]) -> Bound:
-    # Lower bounds with lower, upper with upper.
-    combine = {
-        "average": statistics.fmean,
-        "minimum": min,
-        "product": math.prod,
-        "lukasiewicz": lambda values: max(0.0, math.fsum(values) - (len(values) - 1)),
-    }[kb.semantics.conjunction]
-    return Bound(combine([b.lower for b in bounds]), combine([b.upper for b in bounds]))
+    return _combined(_CONJUNCTIONS[kb.semantics.conjunction], bounds)
 
 
 def _disjunction(kb: KnowledgeBase, bounds: Sequence[Bound]) -> Bound:
-    combine = {
-        "maximum": max,
-        "probabilistic_sum": lambda values: 1.0 - math.prod(1.0 - value for value in values),
-    }[kb.semantics.disjunction]
+    return _combined(_DISJUNCTIONS[kb.semantics.disjunction], bounds)
+
+
+def _combined(combine: Callable[[Sequence[float]], float], bounds: Sequence[Bound]) -> Bound:
+    # Lower bounds with lower, upper with upper.
     return Bound(combine([b.lower for b in bounds]), combine([b.upper for b in bounds]))
+
+
+_CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "average": statistics.fmean,
+    "minimum": min,
+    "product": math.prod,
+    "lukasiewicz": lambda values: max(0.0, math.fsum(values) - (len(values) - 1)),
+}
+_DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "maximum": max,
+    "probabilistic_sum": lambda values: 1.0 - math.prod(1.0 - value for value in values),
+}
 
 
 def _grounded(atom: Atom, substitution: Substitution) -> Atom:

@@ -28,7 +28,16 @@ class Engine(Protocol):
         ...
 
 
-ENGINES: Mapping[str, Callable[[KnowledgeBase], Engine]] = {"compiled": CompiledEngine}
+def _pyreason_engine(kb: KnowledgeBase) -> Engine:
+    from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415  (few need it)
+
+    return PyReasonEngine(kb)
+
+
+ENGINES: Mapping[str, Callable[[KnowledgeBase], Engine]] = {
+    "compiled": CompiledEngine,
+    "pyreason": _pyreason_engine,
+}
 
 
 def make_engine(name: str, kb: KnowledgeBase) -> Engine:

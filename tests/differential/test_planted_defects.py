@@ -1,0 +1,229 @@
+"""Defects planted in each engine, one after the other: the comparison notices every one.
+
+The comparison is the one of `test_engines_agree`, on scenes that are the same on every run.
+"""
+
+import math
+import sys
+from dataclasses import replace
+
+import pytest
+
+from sfol import program
+from sfol.engines import CompiledEngine, compiled
+from sfol.engines import pyreason as translation
+from sfol.facts import TRUE
+from sfol.laws import assert_same
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
+from sfol.program import Criterion, Tables
+from sfol.testing import naive_conclusions
+from tests.differential.programs import SMALL, drawn_scenes
+
+SCENES = (*SMALL, *drawn_scenes(60))
+
+
+def disagreements(engine, most):
+    """Yield what an engine concludes otherwise than the naive reference, `most` times at most."""
+    for kb, facts in SCENES:
+        try:
+            assert_same(naive_conclusions(kb, facts), engine(kb).conclude(facts).derived)
+        except AssertionError as difference:
+            yield str(difference)
+            most -= 1
+        if most == 0:
+            return
+
+
+class NothingAsserted(Tables):
+    """Tables that forget what was asserted of a head."""
+
+    __slots__ = ()
+
+    def bound(self, atom):
+        return None
+
+
+# -- in both engines ------------------------------------------------------------------------------
+
+
+def maximum_for_mean(monkeypatch):
+    average = CONJUNCTIONS["average"]
+    monkeypatch.setitem(CONJUNCTIONS, "average", replace(average, combine=max))
+
+
+def minimum_for_product(monkeypatch):
+    product = CONJUNCTIONS["product"]
+    monkeypatch.setitem(CONJUNCTIONS, "product", replace(product, combine=min))
+
+
+def minimum_of_several_rules(monkeypatch):
+    maximum = DISJUNCTIONS["maximum"]
+    monkeypatch.setitem(DISJUNCTIONS, "maximum", replace(maximum, combine=min))
+
+
+# -- in the compiled engine -----------------------------------------------------------------------
+
+
+def less_for_at_most_at_the_threshold(monkeypatch):
+    def criterion(rule):
+        right = program_criterion(rule)
+        return Criterion(lambda b: right.positive(b) and b[0] != rule.threshold, right.negated)
+
+    program_criterion = program.rule_criterion
+    monkeypatch.setattr(program, "rule_criterion", criterion)
+
+
+def lost_grounding(monkeypatch):
+    for gathering in (compiled._Pool, compiled._Best):
+        right = gathering.add
+
+        def first_only(self, search, right=right):
+            if not self.__bool__():
+                right(self, search)
+
+        monkeypatch.setattr(gathering, "add", first_only)
+
+
+def negation_dropped(monkeypatch):
+    monkeypatch.setattr(program, "negation", lambda bound: TRUE)
+
+
+def negated_literal_left_out(monkeypatch):
+    monkeypatch.setattr(program, "_refute", lambda i, atom, criterion, slots, then: then)
+
+
+def guard_dropped(monkeypatch):
+    monkeypatch.setattr(program, "_differ", lambda left, right, then: then)
+
+
+def asserted_bound_no_disjunct(monkeypatch):
+    monkeypatch.setattr(compiled, "Tables", NothingAsserted)
+
+
+def atoms_known_to_be_false_count(monkeypatch):
+    def criterion(rule):
+        return Criterion(lambda b: b[0] >= rule.threshold, program_criterion(rule).negated)
+
+    program_criterion = program.rule_criterion
+    monkeypatch.setattr(program, "rule_criterion", criterion)
+
+
+COMPILED = [
+    maximum_for_mean,
+    minimum_for_product,
+    minimum_of_several_rules,
+    less_for_at_most_at_the_threshold,
+    lost_grounding,
+    negation_dropped,
+    negated_literal_left_out,
+    guard_dropped,
+    asserted_bound_no_disjunct,
+    atoms_known_to_be_false_count,
+]
+
+
+# -- in the PyReason engine -----------------------------------------------------------------------
+
+
+def less_for_at_most_in_clauses(monkeypatch):
+    def text(clause):
+        above = min(math.nextafter(clause.threshold, 2.0), 1.0)
+        return right(clause._replace(threshold=above))
+
+    right = translation.QueryClause.__str__
+    monkeypatch.setattr(translation.QueryClause, "__str__", text)
+
+
+def lost_pooled_bound(monkeypatch):
+    runtime = sys.modules["sfol.engines.pyreason_runtime"]
+    right = runtime._pooled
+    monkeypatch.setattr(
+        runtime, "_pooled", lambda lowers, uppers: right(lowers[:-1], uppers[:-1]) or (0.0, 0.0)
+    )
+
+
+def lost_ground_rule(monkeypatch):
+    right = translation.PyReasonEngine._grounded
+    monkeypatch.setattr(
+        translation.PyReasonEngine, "_grounded", lambda self, body, scene: right(self, body, scene)[1:]
+    )  # fmt: skip
+
+
+def lost_head(monkeypatch):
+    right = translation._possible_values
+    monkeypatch.setattr(translation, "_possible_values", lambda *arguments: right(*arguments)[1:])
+
+
+def complement_without_values(monkeypatch):
+    monkeypatch.setattr(translation, "negation", lambda bound: TRUE)
+
+
+def raw_bounds_of_negated_atoms(monkeypatch):
+    monkeypatch.setattr(translation, "negation", lambda bound: bound)
+
+
+def guards_count_as_literals(monkeypatch):
+    right = translation._query_body
+    monkeypatch.setattr(
+        translation, "_query_body", lambda rule: [c._replace(counts=True) for c in right(rule)]
+    )
+
+
+def asserted_bound_no_disjunct_of_queries(monkeypatch):
+    monkeypatch.setattr(translation, "Tables", NothingAsserted)
+
+
+def heads_left_untied(monkeypatch):
+    monkeypatch.setattr(translation, "_is_tied", lambda head, body: len(head.arguments) == 1)
+
+
+def cycles_left_to_pyreason(monkeypatch):
+    monkeypatch.setattr(translation, "_is_cyclic", lambda rule: False)
+    monkeypatch.setattr(translation, "_without_cycles", translation._singles_first)
+
+
+def all_strata_at_once(monkeypatch):
+    right = translation._levels
+    monkeypatch.setattr(
+        translation, "_levels", lambda program: [[r for level in right(program) for r in level]]
+    )
+
+
+def constants_left_in_cycles(monkeypatch):
+    monkeypatch.setattr(translation, "_without_cycles", translation._singles_first)
+
+
+PYREASON = [
+    maximum_for_mean,
+    minimum_for_product,
+    minimum_of_several_rules,
+    less_for_at_most_in_clauses,
+    lost_pooled_bound,
+    lost_ground_rule,
+    lost_head,
+    complement_without_values,
+    raw_bounds_of_negated_atoms,
+    guards_count_as_literals,
+    asserted_bound_no_disjunct_of_queries,
+    heads_left_untied,
+    cycles_left_to_pyreason,
+    all_strata_at_once,
+    constants_left_in_cycles,
+]
+
+
+@pytest.mark.parametrize("defect", COMPILED, ids=lambda defect: defect.__name__)
+def test_a_defect_in_the_compiled_engine_is_noticed(monkeypatch, defect):
+    defect(monkeypatch)
+    assert list(disagreements(CompiledEngine, most=1))
+
+
+@pytest.mark.parametrize("defect", PYREASON, ids=lambda defect: defect.__name__)
+def test_a_defect_in_the_pyreason_engine_is_noticed(monkeypatch, pyreason, defect):
+    defect(monkeypatch)
+    assert list(disagreements(pyreason, most=1))
+
+
+def test_without_a_defect_there_is_nothing_to_notice(pyreason):
+    assert not list(disagreements(CompiledEngine, most=1))
+    assert not list(disagreements(pyreason, most=1))
