@@ -119,7 +119,7 @@ def demo(
     log = output / "episodes.parquet"
     write_log(log, episodes, kb)
     console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
-    console.print(f"Try other rules on these steps: sfol diff {rules} FILE --log {log}")
+    console.print(f"Other rules on these steps: sfol diff {rules} FILE --log {log}", soft_wrap=True)
 
 
 @app.command()

@@ -78,11 +78,11 @@ class Batch:
 
     Attributes:
         size: number of scenes, B.
-        atoms: every atom that is known or could be concluded, with its scene; N of them.
-        lower: float64 (N + 1,), τ⁻ of each; the last row stands for unknown atoms. May be
-            replaced by a tensor, see `with_bounds`.
-        upper: float64 (N + 1,), τ⁺ of each.
-        known: bool (N + 1,), whether an atom is asserted or in the background.
+        atoms: every atom that is known, could be concluded, or is read by a negated literal, with
+            its scene; N of them.
+        lower: float64 (N,), τ⁻ of each. May be replaced by a tensor, see `with_bounds`.
+        upper: float64 (N,), τ⁺ of each.
+        known: bool (N,), whether an atom is asserted or in the background.
         strata: how conclusions could be drawn, in their order.
         program: the program for which the batch was encoded.
     """
@@ -99,8 +99,8 @@ class Batch:
         """Return the same scenes with other bounds, such as tensors that require gradients.
 
         Args:
-            lower: (N + 1,), as `lower`.
-            upper: (N + 1,), as `upper`.
+            lower: (N,), as `lower`.
+            upper: (N,), as `upper`.
         """
         return replace(self, lower=lower, upper=upper)
 
@@ -156,18 +156,21 @@ class _Encoder:
                     rows[atom] = self._new_row(atom, (0.0, 0.0), known=False)
                     tables.put(atom, TRUE)
                 head.number(atom, rows[atom], self._size if atom == subject else -1)
+            for read in (read for _, _, atoms in concluded for read in atoms):
+                if read not in rows:  # unknown, in a negated literal
+                    rows[read] = self._new_row(Atom(*read), (0.0, 0.0), known=False)
             head.extend(concluded, rows)
         self._size += 1
 
     def batch(self) -> Batch:
-        bounds = np.array([*self._bounds, (0.0, 0.0)], dtype=np.float64)
+        bounds = np.array(self._bounds, dtype=np.float64).reshape(-1, 2)
         return Batch(
             size=self._size,
             atoms=tuple(self._atoms),
             lower=bounds[:, 0].copy(),
             upper=bounds[:, 1].copy(),
-            known=np.array([*self._known, False]),
-            strata=tuple(head.stratum(unknown=len(self._atoms)) for head in self._heads),
+            known=np.array(self._known, dtype=np.bool_),
+            strata=tuple(head.stratum(len(self._atoms)) for head in self._heads),
             program=self._program,
         )
 
@@ -221,36 +224,35 @@ class _HeadRows:
     def extend(
         self, concluded: Sequence[_Substitution], rows: Mapping[tuple[str, Constants], int]
     ) -> None:
-        """Keep the substitutions of the current scene; unknown atoms get the row -1."""
+        """Keep the substitutions of the current scene."""
         for head, number, atoms in concluded:
-            self._found[number].append((self._numbers[head], *(rows.get(a, -1) for a in atoms)))
+            self._found[number].append((self._numbers[head], *(rows[atom] for atom in atoms)))
         self._numbers.clear()
 
-    def stratum(self, unknown: int) -> Stratum:
+    def stratum(self, atoms: int) -> Stratum:
         """Return what was collected as arrays.
 
         Args:
-            unknown: the row that stands for unknown atoms.
+            atoms: N, the number of rows of the batch.
         """
         return Stratum(
             head=self.name,
             rows=np.array(self._rows, dtype=np.intp),
             scenes=np.array(self._scenes, dtype=np.intp),
             rules=tuple(
-                _groundings(rule, found, unknown)
+                _groundings(rule, found, atoms)
                 for (rule, _, _), found in zip(self._rules, self._found, strict=True)
             ),
         )
 
 
-def _groundings(rule: Rule, found: Sequence[tuple[int, ...]], unknown: int) -> Groundings:
+def _groundings(rule: Rule, found: Sequence[tuple[int, ...]], atoms: int) -> Groundings:
     literals = len(rule.clause.body.literals)
     table = np.array(found, dtype=np.intp).reshape(-1, literals + 1)
-    table[table < 0] = unknown
     heads, rows = table[:, 0].copy(), tuple(table[:, 1:].T.copy())
-    return Groundings(rule, heads, rows, tuple(_pairs(heads, row, unknown) for row in rows))
+    return Groundings(rule, heads, rows, tuple(_pairs(heads, row, atoms) for row in rows))
 
 
-def _pairs(heads: Indices, rows: Indices, unknown: int) -> Pairs:
-    distinct, of = np.unique(heads * (unknown + 1) + rows, return_inverse=True)
-    return Pairs(of, *np.divmod(distinct, unknown + 1))
+def _pairs(heads: Indices, rows: Indices, atoms: int) -> Pairs:
+    distinct, of = np.unique(heads * atoms + rows, return_inverse=True)
+    return Pairs(of, *np.divmod(distinct, max(atoms, 1)))

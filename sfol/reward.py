@@ -96,7 +96,8 @@ class RewardFunction:
 
     Args:
         kb: a knowledge base, the path of one, or the name of a bundled one.
-        engine: ``compiled``.
+        engine: ``compiled``, or ``pyreason``, the much slower reference (extra `pyreason`); batches
+            are evaluated by arithmetic of their own, whichever it is.
 
     Attributes:
         kb: the knowledge base.

@@ -133,7 +133,7 @@ def _best(  # noqa: PLR0913, PLR0917  (all that PyReason gives, but for the labe
     return tuple(DISJUNCTIONS["maximum"](each))
 
 
-def average(annotations: Any, weights: Any) -> Any:
+def average(annotations: Any, weights: Any) -> Any:  # pragma: no cover (runs compiled)
     """Average the bounds of all clauses together; a clause of weight 0 takes no part."""
     count = 0
     for i in range(len(annotations)):
@@ -154,7 +154,7 @@ def average(annotations: Any, weights: Any) -> Any:
 def _best_by(operator: str) -> Callable[..., Any]:
     """Return the function that combines per substitution; the best counts."""
 
-    def best(  # noqa: PLR0913, PLR0917  (PyReason prescribes them)
+    def best(  # noqa: PLR0913, PLR0917  # pragma: no cover (PyReason's signature; runs compiled)
         annotations: Any, weights: Any, nodes: Any, edges: Any, labels: Any, variables: Any
     ) -> Any:
         with _objmode(pair="UniTuple(float64, 2)"):
@@ -276,7 +276,7 @@ def _bounds(script: Script, interpretation: Any) -> Iterator[tuple[Atom, Bound]]
             yield Atom(predicate, tuple(edge)), Bound(lower, upper)
 
 
-def _listed(components: Any, worlds: Any) -> Any:
+def _listed(components: Any, worlds: Any) -> Any:  # pragma: no cover (runs compiled)
     """List every atom: its predicate, node or edge, lower and upper bound."""
     atoms = []
     for label in components:

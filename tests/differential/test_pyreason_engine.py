@@ -5,6 +5,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import networkx
 import pytest
@@ -130,6 +131,12 @@ def test_every_function_has_a_fixed_identity(runtime):
     names = [function.__name__ for function in functions]
     assert names == ["average", *(f"best_{name}" for name in CONJUNCTIONS)]
     assert [function._uuid for function in functions] == [f"sfol-{name}" for name in names]
+
+
+def test_where_numba_has_no_identity_to_set_the_function_is_taken_as_it_is(runtime, monkeypatch):
+    numba = SimpleNamespace(njit=lambda cache: lambda function: function)
+    monkeypatch.setattr(runtime, "_numba", numba)
+    assert runtime._with_identity(len) is len
 
 
 def test_the_environment_is_left_as_it_was(runtime, monkeypatch):

@@ -60,6 +60,7 @@ def test_a_batch_is_its_scenes_one_by_one(reward, batch):
         ("Near(P, X), Near(Q, X), P != Q", "Near(p, cook). Near(q, cook): 0.5."),
         ("Hot(stove), Near(P, X)", "Hot(stove): 0.3. Near(p, cook). Near(q, cook): 0.4."),
         ("Near(X, X)", "Near(cook, cook): 0.4. Near(p, cook)."),
+        ("Near(P, X), not Lid(P)", "Near(p, cook): [0, 1]. Near(q, cook): [0.2, 1]."),
         ("Near(P, Q), Near(Q, X)", "Near(p, q): 0.7. Near(q, cook): 0.4. Near(r, q): [0, 0]."),
     ],
 )  # fmt: skip
