@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,8 @@ def measure(
         "batch": lambda: _batches(kb, case, entity),
         "gradient": lambda: _gradient(kb, case, entity),
     }
+    if "pyreason" in engines:
+        stages = {**stages, "pyreason_start": _pyreason_start}
     for name, stage in stages.items():
         progress(name)
         result[name] = stage()
@@ -175,6 +178,36 @@ def _gradient(kb: KnowledgeBase, case: Case, entity: str) -> dict[str, float] | 
     }
 
 
+# Says how long PyReason took to be ready in its process, from the first line on.
+_START_PYREASON = """
+import time
+started = time.perf_counter()
+import sfol
+sfol.RewardFunction("aeb", engine="pyreason")(sfol.Facts(), v=1.0, v_next=1.0)
+print(time.perf_counter() - started)
+"""
+
+
+def _pyreason_start() -> dict[str, float]:
+    """Return how soon PyReason is ready in a new process, and what that adds to its cache."""
+    spec = find_spec("pyreason")
+    assert spec is not None
+    assert spec.origin is not None
+    cache = Path(spec.origin).parent / "cache"
+    _python(_START_PYREASON)  # fills the cache, if this is the first time
+    before = _size(cache)
+    seconds = [float(_python(_START_PYREASON)) for _ in range(3)]
+    return {
+        "ready_in_a_new_process_s": round(statistics.median(seconds), 2),
+        "cache_mb": round(before / 1e6, 1),
+        "cache_growth_bytes": _size(cache) - before,
+    }
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
 def _imports() -> dict[str, float]:
     numpy_and_pydantic, whole = (
         1e3 * median(lambda c=code: _python(c))  # type: ignore[misc]
@@ -187,8 +220,9 @@ def _imports() -> dict[str, float]:
     }
 
 
-def _python(code: str) -> None:
-    subprocess.run([sys.executable, "-c", code], check=True)
+def _python(code: str) -> str:
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def median(call: Callable[[], object]) -> float:

@@ -41,7 +41,8 @@ def _print_tables(console: Console, figures: dict[str, Any]) -> None:
     console.print(f"scene: {figures['scene']}; repeated: {figures['repeated']}")
     console.print(_table("one call, by how often it is repeated", figures["single"]))
     console.print(_table("batches, by number of scenes", figures["batch"]))
-    flat = {name: figures[name] for name in ("import", "gradient") if figures[name]}
+    names = ("import", "gradient", "pyreason_start")
+    flat = {name: figures[name] for name in names if figures.get(name)}
     for name, numbers in flat.items():
         shown = ", ".join(f"{key} {value:g}" for key, value in numbers.items())
         console.print(f"{name}: {shown}")
