@@ -58,7 +58,7 @@ class _Evaluation:
         semantics: Semantics = batch.program.knowledge_base.semantics
         self._conjunction: Operator = CONJUNCTIONS[semantics.conjunction]
         self._disjunction: Operator = DISJUNCTIONS[semantics.disjunction]
-        self._gather = self._pooled if semantics.pools else self._best
+        self._pools = semantics.pools
         self._batch = batch
         self._backend = backend
         self._lower = backend.array(batch.lower)
@@ -69,7 +69,10 @@ class _Evaluation:
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
         disjuncts = [self._at(stratum.rows)]
-        disjuncts += [self._gather(rule, len(stratum.rows)) for rule in stratum.rules]
+        # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive
+        # until the garbage collector comes by.
+        gather = self._pooled if self._pools else self._best
+        disjuncts += [gather(rule, len(stratum.rows)) for rule in stratum.rules]
         concluded = self._either(disjuncts)
         if stratum.head in self._batch.program.read_heads:
             rows = self._backend.array(stratum.rows)

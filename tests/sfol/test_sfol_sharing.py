@@ -84,3 +84,15 @@ def test_calls_leave_nothing_behind(reward):
     after = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert after - before < 20_000  # bytes; one outcome that stays in each call would be 300,000
+
+
+def test_a_batch_frees_its_arrays_without_the_garbage_collector(reward):
+    batch = reward.batch(list(scenes()))
+    reward.evaluate(batch, **SIGNALS)
+    gc.collect()
+    gc.disable()
+    try:
+        reward.evaluate(batch, **SIGNALS)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
