@@ -31,6 +31,7 @@ lint: $(INSTALLED)  ## Check style, types and the bundled knowledge bases
 	$(BIN)/sfol test rules/
 
 bench: $(INSTALLED)  ## Measure the speed of every stage; prints JSON
+	$(BIN)/sfol bench rules/aeb.yaml --json
 	$(BIN)/aeb bench
 
 docs: $(VENV)/.docs  ## Build the documentation into docs/_build
