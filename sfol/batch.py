@@ -16,8 +16,10 @@ import numpy.typing as npt
 from sfol.arrays import Array, Indices
 from sfol.facts import TRUE, Facts
 from sfol.knowledge_base import Rule
-from sfol.program import Constants, Criterion, Program, Search, Tables
+from sfol.matching import Criterion, Search
+from sfol.program import Program
 from sfol.syntax import Atom
+from sfol.tables import Constants, Tables
 
 # Whether a literal holds is decided at evaluation; here every known atom may support.
 _ANY_BOUND = Criterion(positive=lambda bound: True, negated=lambda bound: True)

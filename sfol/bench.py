@@ -7,12 +7,9 @@ repeated; so it measures whatever the file is about.
 from __future__ import annotations
 
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +18,7 @@ from sfol.errors import KnowledgeBaseError
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
+from sfol.startup import ready, ready_compared, run_python
 from sfol.syntax import Atom
 
 Tuples = Sequence[tuple[Atom, Bound]]
@@ -32,12 +30,16 @@ _SECONDS = 0.5  # how long each figure is measured
 
 
 def measure(
-    kb: KnowledgeBase, *, progress: Callable[[str], None] = lambda stage: None
+    kb: KnowledgeBase,
+    *,
+    cold: bool = False,
+    progress: Callable[[str], None] = lambda stage: None,
 ) -> dict[str, Any]:
     """Return the costs of a knowledge base, ready for JSON.
 
     Args:
         kb: with at least one test that names an entity besides the subject.
+        cold: whether to measure PyReason's start without a cache as well, which takes ten minutes.
         progress: called with the name of each stage as it begins.
 
     Returns:
@@ -56,7 +58,9 @@ def measure(
         "gradient": lambda: _gradient(kb, case, entity),
     }
     if "pyreason" in engines:
-        stages = {**stages, "pyreason_start": _pyreason_start}
+        stages = {**stages, "pyreason_start": ready}
+        if cold:
+            stages = {**stages, "pyreason_start_compared": ready_compared}
     for name, stage in stages.items():
         progress(name)
         result[name] = stage()
@@ -178,39 +182,9 @@ def _gradient(kb: KnowledgeBase, case: Case, entity: str) -> dict[str, float] | 
     }
 
 
-# Says how long PyReason took to be ready in its process, from the first line on.
-_START_PYREASON = """
-import time
-started = time.perf_counter()
-import sfol
-sfol.RewardFunction("aeb", engine="pyreason")(sfol.Facts(), v=1.0, v_next=1.0)
-print(time.perf_counter() - started)
-"""
-
-
-def _pyreason_start() -> dict[str, float]:
-    """Return how soon PyReason is ready in a new process, and what that adds to its cache."""
-    spec = find_spec("pyreason")
-    assert spec is not None
-    assert spec.origin is not None
-    cache = Path(spec.origin).parent / "cache"
-    _python(_START_PYREASON)  # fills the cache, if this is the first time
-    before = _size(cache)
-    seconds = [float(_python(_START_PYREASON)) for _ in range(3)]
-    return {
-        "ready_in_a_new_process_s": round(statistics.median(seconds), 2),
-        "cache_mb": round(before / 1e6, 1),
-        "cache_growth_bytes": _size(cache) - before,
-    }
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
 def _imports() -> dict[str, float]:
     numpy_and_pydantic, whole = (
-        1e3 * median(lambda c=code: _python(c))  # type: ignore[misc]
+        1e3 * median(lambda c=code: run_python(c))  # type: ignore[misc]
         for code in ("import numpy, pydantic", "import sfol")
     )
     return {
@@ -218,11 +192,6 @@ def _imports() -> dict[str, float]:
         "sfol_ms": round(whole),
         "sfol_more_ms": round(whole - numpy_and_pydantic),
     }
-
-
-def _python(code: str) -> str:
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def median(call: Callable[[], object]) -> float:

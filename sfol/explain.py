@@ -15,8 +15,10 @@ from rich.tree import Tree
 from sfol.engines import Conclusions
 from sfol.facts import Bound
 from sfol.knowledge_base import RewardTerm, Rule
-from sfol.program import Constants, Plan, Tables, ground, rule_criterion
+from sfol.matching import rule_criterion
+from sfol.plan import Plan
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
+from sfol.tables import Constants, Tables, ground
 
 if TYPE_CHECKING:
     import networkx

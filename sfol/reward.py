@@ -16,8 +16,9 @@ from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
+from sfol.matching import condition_criterion
 from sfol.operators import CONFIDENCES
-from sfol.program import Plan, condition_criterion
+from sfol.plan import Plan
 from sfol.syntax import Atom
 
 if TYPE_CHECKING:

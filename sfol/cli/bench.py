@@ -20,6 +20,10 @@ from sfol.knowledge_base import KnowledgeBase
 def bench(
     source: Source,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    cold: Annotated[
+        bool,
+        typer.Option("--cold", help="Also start PyReason without its cache; ten minutes."),
+    ] = False,
 ) -> None:
     """Measure single calls, batches and gradients, both engines side by side, all in one run.
 
@@ -30,7 +34,9 @@ def bench(
     """
     kb = KnowledgeBase.load(path_or_name(source))
     with Console(stderr=True).status("measuring") as status:
-        figures = measure(kb, progress=lambda stage: status.update(f"measuring: {stage}"))
+        figures = measure(
+            kb, cold=cold, progress=lambda stage: status.update(f"measuring: {stage}")
+        )
     if as_json:
         print(json.dumps(figures, indent=2))
     else:
@@ -41,7 +47,7 @@ def _print_tables(console: Console, figures: dict[str, Any]) -> None:
     console.print(f"scene: {figures['scene']}; repeated: {figures['repeated']}")
     console.print(_table("one call, by how often it is repeated", figures["single"]))
     console.print(_table("batches, by number of scenes", figures["batch"]))
-    names = ("import", "gradient", "pyreason_start")
+    names = ("import", "gradient", "pyreason_start", "pyreason_start_compared")
     flat = {name: figures[name] for name in names if figures.get(name)}
     for name, numbers in flat.items():
         shown = ", ".join(f"{key} {value:g}" for key, value in numbers.items())

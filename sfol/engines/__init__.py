@@ -9,7 +9,9 @@ from sfol.engines.compiled import CompiledEngine, Conclusions
 from sfol.errors import UsageError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.program import Constants, Plan, Program, Tables
+from sfol.plan import Plan
+from sfol.program import Program
+from sfol.tables import Constants, Tables
 
 __all__ = ["ENGINES", "CompiledEngine", "Conclusions", "Engine", "make_engine"]
 

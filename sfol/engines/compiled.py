@@ -8,9 +8,12 @@ from functools import cached_property, partial
 
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.matching import Search
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
-from sfol.program import Constants, Plan, Program, Search, Tables
+from sfol.plan import Plan
+from sfol.program import Program
 from sfol.syntax import Atom
+from sfol.tables import Constants, Tables
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class CompiledEngine:
         disjuncts = []
         for plan, given in plans:
             gathered = self._gatherer()
-            plan.search(tables, gathered.add, given)
+            gathered.search(plan, tables, given)
             if gathered:
                 disjuncts.append(gathered.bound())
         return [(atom, self._either(atom, disjuncts, tables))] if disjuncts else []
@@ -132,6 +135,12 @@ class _Pool:
         self._conjunction = conjunction
         self._atoms: dict[tuple[int, Constants], Bound] = {}
 
+    def search(self, plan: Plan, tables: Tables, given: Sequence[str]) -> None:
+        if plan.branches:
+            self._atoms = plan.support(tables, given)
+        else:  # then it is as good, and faster
+            plan.search(tables, self.add, given)
+
     def add(self, search: Search) -> None:
         self._atoms.update(zip(enumerate(search.keys), search.bounds, strict=True))
 
@@ -150,6 +159,9 @@ class _Best:
     def __init__(self, conjunction: Operator) -> None:
         self._conjunction = conjunction
         self._bounds: list[Bound] = []
+
+    def search(self, plan: Plan, tables: Tables, given: Sequence[str]) -> None:
+        plan.search(tables, self.add, given)
 
     def add(self, search: Search) -> None:
         self._bounds.append(self._conjunction(search.bounds))

@@ -34,8 +34,10 @@ from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.operators import DISJUNCTIONS, negation
-from sfol.program import Constants, Plan, Program, Tables
+from sfol.plan import Plan
+from sfol.program import Program
 from sfol.syntax import Atom, Guard, is_variable, variables
+from sfol.tables import Constants, Tables
 
 _NOT = "not."
 _IS = "is."

@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import pytest
 
-from sfol import program
+from sfol import matching, program
 from sfol.engines import CompiledEngine, compiled
 from sfol.engines import pyreason as translation
 from sfol.facts import TRUE
 from sfol.laws import assert_same
+from sfol.matching import Criterion
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
-from sfol.program import Criterion, Tables
+from sfol.tables import Tables
 from sfol.testing import naive_conclusions
 from tests.differential.programs import SMALL, drawn_scenes
 
@@ -66,10 +67,10 @@ def minimum_of_several_rules(monkeypatch):
 
 def less_for_at_most_at_the_threshold(monkeypatch):
     def criterion(rule):
-        right = program_criterion(rule)
+        right = right_criterion(rule)
         return Criterion(lambda b: right.positive(b) and b[0] != rule.threshold, right.negated)
 
-    program_criterion = program.rule_criterion
+    right_criterion = program.rule_criterion
     monkeypatch.setattr(program, "rule_criterion", criterion)
 
 
@@ -85,15 +86,15 @@ def lost_grounding(monkeypatch):
 
 
 def negation_dropped(monkeypatch):
-    monkeypatch.setattr(program, "negation", lambda bound: TRUE)
+    monkeypatch.setattr(matching, "negation", lambda bound: TRUE)
 
 
 def negated_literal_left_out(monkeypatch):
-    monkeypatch.setattr(program, "_refute", lambda i, atom, criterion, slots, then: then)
+    monkeypatch.setattr(matching, "_refute", lambda i, atom, criterion, slots, then: then)
 
 
 def guard_dropped(monkeypatch):
-    monkeypatch.setattr(program, "_differ", lambda left, right, then: then)
+    monkeypatch.setattr(matching, "_differ", lambda left, right, then: then)
 
 
 def asserted_bound_no_disjunct(monkeypatch):
@@ -102,9 +103,9 @@ def asserted_bound_no_disjunct(monkeypatch):
 
 def atoms_known_to_be_false_count(monkeypatch):
     def criterion(rule):
-        return Criterion(lambda b: b[0] >= rule.threshold, program_criterion(rule).negated)
+        return Criterion(lambda b: b[0] >= rule.threshold, right_criterion(rule).negated)
 
-    program_criterion = program.rule_criterion
+    right_criterion = program.rule_criterion
     monkeypatch.setattr(program, "rule_criterion", criterion)
 
 

@@ -1,0 +1,83 @@
+"""The known atoms of a scene, as a search reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from sfol.errors import FactError
+from sfol.facts import TRUE, Bound, Facts, Relation
+from sfol.syntax import Atom
+
+Constants = tuple[str, ...]
+Row = tuple[Constants, Bound]
+Substitution = Mapping[str, str]
+
+_EMPTY: Relation = {}
+
+
+class Tables:
+    """The known atoms of one scene by predicate, with indices by argument made when needed."""
+
+    __slots__ = ("_indices", "_relations")
+
+    def __init__(self, relations: dict[str, dict[Constants, Bound]]) -> None:
+        self._relations = relations
+        self._indices: dict[tuple[str, int], dict[str, list[Row]]] = {}
+
+    @classmethod
+    def of(cls, facts: Facts, background: Sequence[Atom] = ()) -> Tables:
+        """Return the tables of some facts and of the background, which always holds.
+
+        The facts are copied, so that conclusions do not change when the facts do.
+
+        Raises:
+            FactError: a fact gives an atom of the background another bound.
+        """
+        tables = cls({name: dict(facts.relation(name)) for name in facts.predicates()})
+        for atom in background:
+            bound = tables._relations.setdefault(atom.predicate, {}).setdefault(
+                atom.arguments, TRUE
+            )
+            if bound != TRUE:
+                raise FactError(
+                    f"facts give {atom} the bound {bound}, but it always holds",
+                    name=str(atom),
+                    suggestion="leave it out: it stands in the knowledge base's background",
+                )
+        return tables
+
+    def bound(self, atom: Atom) -> Bound | None:
+        """Return the bound of a ground atom, or None if it is unknown."""
+        return self._relations.get(atom.predicate, _EMPTY).get(atom.arguments)
+
+    def has_all(self, predicates: frozenset[str]) -> bool:
+        """Tell whether something is known of every one of these predicates."""
+        return predicates <= self._relations.keys()
+
+    def rows(self, predicate: str) -> Relation:
+        """Return all known atoms of a predicate: arguments → bound."""
+        return self._relations.get(predicate, _EMPTY)
+
+    def rows_with(self, predicate: str, position: int, constant: str) -> Iterable[Row]:
+        """Return the known atoms that have a constant at a position."""
+        index = self._indices.get((predicate, position))
+        if index is None:
+            index = self._indices[predicate, position] = {}
+            for row in self.rows(predicate).items():
+                index.setdefault(row[0][position], []).append(row)
+        return index.get(constant, ())
+
+    def items(self) -> Iterator[tuple[Atom, Bound]]:
+        """Yield every known atom with its bound."""
+        for predicate, relation in self._relations.items():
+            for arguments, bound in relation.items():
+                yield Atom(predicate, arguments), bound
+
+    def put(self, atom: Atom, bound: Bound) -> None:
+        """Add a conclusion. No index of its predicate exists yet: strata go in order."""
+        self._relations.setdefault(atom.predicate, {})[atom.arguments] = bound
+
+
+def ground(atom: Atom, values: Substitution) -> Atom:
+    """Replace the variables of an atom by their values."""
+    return Atom(atom.predicate, tuple(values.get(term, term) for term in atom.arguments))
