@@ -20,22 +20,23 @@ from sfol.knowledge_base import KnowledgeBase
 def bench(
     source: Source,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
-    cold: Annotated[
+    quick: Annotated[
         bool,
-        typer.Option("--cold", help="Also start PyReason without its cache; ten minutes."),
+        typer.Option("--quick", help="Leave out PyReason's start without its cache: ten minutes."),
     ] = False,
 ) -> None:
     """Measure single calls, batches and gradients, both engines side by side, all in one run.
 
     The scene is the file's test with the most facts; the entity of which the most is said is
-    repeated 1, 10, 25 and 50 times. Figures are medians.
+    repeated 1, 10, 25 and 50 times. Figures are medians. With PyReason installed, it takes some
+    ten minutes: once, a copy of PyReason compiles all that it has.
 
-    Example: `sfol bench rules/aeb.yaml --json`
+    Example: `sfol bench rules/aeb.yaml --quick`
     """
     kb = KnowledgeBase.load(path_or_name(source))
     with Console(stderr=True).status("measuring") as status:
         figures = measure(
-            kb, cold=cold, progress=lambda stage: status.update(f"measuring: {stage}")
+            kb, quick=quick, progress=lambda stage: status.update(f"measuring: {stage}")
         )
     if as_json:
         print(json.dumps(figures, indent=2))

@@ -63,3 +63,14 @@ def test_the_command_prints_json_and_tables(quick):
 def test_a_file_without_a_scene_is_an_error(kitchen):
     with pytest.raises(KnowledgeBaseError, match="has no test with an entity besides 'cook'"):
         measure(kitchen())
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_the_start_without_a_cache_can_be_left_out(quick, monkeypatch, left_out):
+    monkeypatch.setattr(sfol.bench, "find_spec", lambda name: name == "pyreason")
+    monkeypatch.setattr(sfol.bench, "_single", lambda *_: {})
+    monkeypatch.setattr(sfol.bench, "ready", lambda: {"ready_in_a_new_process_s": 7.0})
+    monkeypatch.setattr(sfol.bench, "ready_compared", lambda: {"cold_s": 590.0})
+    figures = measure(KnowledgeBase.load("aeb"), quick=left_out)
+    assert figures["pyreason_start"] == {"ready_in_a_new_process_s": 7.0}
+    assert ("pyreason_start_compared" in figures) == (not left_out)
