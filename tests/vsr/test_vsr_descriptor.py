@@ -3,6 +3,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch.nn.functional import adaptive_avg_pool2d
 
 from sfol.errors import UsageError
 from tests.vsr.painting import SIZE, Painting, street
@@ -11,6 +12,7 @@ from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.codebook import Codebook
 from vsr.descriptor import SceneDescriptor
 from vsr.entities import Direction
+from vsr.fusion import Fusion
 from vsr.grounding import SegmentationGrounding
 
 PERSON, CAR, TRUCK, CROSSWALK = (
@@ -126,7 +128,7 @@ def test_a_layout_is_what_one_sees():
     directions = list(Direction)
     neighbours = {
         (kinds[i], DESCRIPTOR_CLASSES[k], directions[d])
-        for i, k, d in layout.neighbours.nonzero().tolist()
+        for i, k, d in np.argwhere(layout.neighbours)
     }
     assert neighbours == {
         (PERSON, CAR, Direction.LEFT_OF),
@@ -177,12 +179,148 @@ def test_no_entities_give_no_vectors_and_an_empty_bundle():
     assert torch.equal(descriptor.bundle(ssi, []), torch.zeros(2048))
 
 
+def test_vectors_of_a_saved_codebook_are_the_same(tmp_path):
+    painting, book = scene(), Codebook(dimension=64)
+    book.save(tmp_path / "book.safetensors")
+    loaded = Codebook.load(tmp_path / "book.safetensors")
+    vectors = [
+        SceneDescriptor(b).ssi(painting.entities(), painting.classes) for b in (book, loaded)
+    ]
+    assert torch.equal(*vectors)
+
+
+FEATURES = torch.rand(2, 512, 7, 7, generator=torch.Generator().manual_seed(0))
+WEIGHTS = ([1.0, 0.5, 0.5, 0.75, 0.0], [0.3])
+
+
+def two_frames(descriptor: SceneDescriptor):
+    second = street().rectangle(CAR, (120, 150), (60, 90))
+    return [
+        descriptor.layout(painting.entities(), painting.classes) for painting in (scene(), second)
+    ]
+
+
+def scaled(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.sqrt((vectors**2).mean(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("method", ["add", "multiply", "ssi", "sf"])
+@pytest.mark.parametrize("parts", [True, False])
+@pytest.mark.parametrize("entities", [True, False])
+def test_vsr_is_the_weighted_sum_of_fused_entities(method, parts, entities):
+    descriptor = SceneDescriptor(Codebook(), fusion=Fusion(method, parts, entities))
+    layouts = two_frames(descriptor)
+    sizes = [len(layout.names) for layout in layouts]
+    ssi = descriptor.encode(*layouts).double().numpy()
+    layers = np.concatenate([layout.attention for layout in layouts])
+    frames = np.repeat([0, 1], sizes)
+    sf = np.stack(
+        [
+            adaptive_avg_pool2d(FEATURES[frame] * torch.from_numpy(layer), 2).flatten().double()
+            for frame, layer in zip(frames, layers, strict=True)
+        ]
+    )
+    if parts:
+        ssi, sf = scaled(ssi), scaled(sf)
+    fused = {"add": ssi + sf, "multiply": ssi * sf, "ssi": ssi, "sf": sf}[method]
+    if entities:
+        fused = scaled(fused)
+    literal = [
+        sum(w * e for w, e in zip(WEIGHTS[frame], fused[frames == frame], strict=True))
+        for frame in (0, 1)
+    ]
+    features = None if method == "ssi" else FEATURES.numpy()
+    vsr = descriptor.vsr(layouts, WEIGHTS, features)
+    assert vsr.dtype == torch.float32
+    np.testing.assert_allclose(vsr, literal, rtol=1e-4, atol=1e-5 * np.abs(literal).max())
+
+
+@pytest.mark.parametrize("method", ["add", "multiply", "ssi", "sf"])
+def test_every_fusion_gives_entities_of_one_scale(method):
+    descriptor = SceneDescriptor(Codebook(), fusion=method)
+    vectors = descriptor.entities(two_frames(descriptor), FEATURES)
+    assert vectors.shape == (6, 2048)
+    torch.testing.assert_close(vectors.square().mean(dim=1), torch.ones(6))
+
+
+def test_many_frames_are_described_as_each_alone():
+    descriptor = SceneDescriptor(Codebook(), fusion="add")
+    layouts = two_frames(descriptor)
+    together = descriptor.vsr(layouts, WEIGHTS, FEATURES)
+    alone = [
+        descriptor.vsr([layout], [weights], features[None])[0]
+        for layout, weights, features in zip(layouts, WEIGHTS, FEATURES, strict=True)
+    ]
+    torch.testing.assert_close(together, torch.stack(alone))
+
+
+def test_a_frame_without_entities_has_a_descriptor_of_zeros():
+    for method in ("add", "multiply", "ssi", "sf"):
+        descriptor = SceneDescriptor(Codebook(), fusion=method)
+        (full, _) = two_frames(descriptor)
+        empty = descriptor.layout((), street().classes)
+        vsr = descriptor.vsr([empty, full], [[], WEIGHTS[0]], FEATURES)
+        assert not vsr[0].any()
+        assert vsr[1].any()
+        assert not descriptor.vsr([empty], [[]], FEATURES[:1]).any()
+
+
+def test_dead_features_leave_the_hypervector():
+    descriptor = SceneDescriptor(Codebook(), fusion="add")
+    (layout, _) = two_frames(descriptor)
+    vectors = descriptor.entities([layout], torch.zeros(1, 512, 7, 7))
+    torch.testing.assert_close(vectors, SceneDescriptor(Codebook()).entities([layout]))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_a_gpu_gives_the_same_vectors():
+    here = SceneDescriptor(Codebook(), fusion="add")
+    there = SceneDescriptor(Codebook(), fusion="add", device="cuda")
+    layouts = two_frames(here)
+    expected = here.vsr(layouts, WEIGHTS, FEATURES)
+    torch.testing.assert_close(there.vsr(layouts, WEIGHTS, FEATURES).cpu(), expected)
+
+
+def test_names_say_which_weight_is_whose():
+    descriptor = SceneDescriptor(Codebook(dimension=8))
+    painting = scene()
+    layout = descriptor.layout(painting.entities(), painting.classes)
+    assert layout.names == ("pedestrian1", "pedestrian2", "pedestrian3", "vehicle1", "truck1")
+
+
+def test_fusions_that_cannot_be_are_refused():
+    with pytest.raises(UsageError, match=r"unknown fusion 'ad'.*'add'"):
+        SceneDescriptor(Codebook(), fusion="ad")
+    with pytest.raises(UsageError, match="features with vectors of 1024 numbers"):
+        SceneDescriptor(Codebook(dimension=1024), fusion="sf")
+    descriptor = SceneDescriptor(Codebook(), fusion="add")
+    layouts = two_frames(descriptor)
+    with pytest.raises(UsageError, match="needs the encoder's feature maps"):
+        descriptor.vsr(layouts, WEIGHTS)
+    with pytest.raises(UsageError, match="1 feature maps for 2 frames"):
+        descriptor.vsr(layouts, WEIGHTS, FEATURES[:1])
+
+
+def test_weights_that_do_not_fit_are_refused():
+    descriptor = SceneDescriptor(Codebook(dimension=8))
+    layouts = two_frames(descriptor)
+    with pytest.raises(UsageError, match="4 weights for 5 entities"):
+        descriptor.vsr(layouts, [WEIGHTS[0][:4], WEIGHTS[1]])
+    with pytest.raises(UsageError, match="weights of 1 frames for 2 frames"):
+        descriptor.vsr(layouts, WEIGHTS[:1])
+    with pytest.raises(UsageError, match="not a finite number"):
+        descriptor.vsr(layouts, [WEIGHTS[0], [float("nan")]])
+
+
+@pytest.mark.parametrize("method", ["add", "multiply", "ssi", "sf"])
+def test_no_frames_are_refused(method):
+    with pytest.raises(UsageError, match="at least one frame"):
+        SceneDescriptor(Codebook(), fusion=method).vsr([], [], FEATURES[:0])
+
+
 def test_bad_arguments_are_refused():
     painting = scene()
     descriptor = SceneDescriptor(Codebook(dimension=8))
     ssi = descriptor.ssi(painting.entities(), painting.classes)
     with pytest.raises(UsageError, match="3 weights for 5 entities"):
         descriptor.bundle(ssi, [1.0, 1.0, 1.0])
-    for side in (8, 100):
-        with pytest.raises(UsageError, match=f"side of {side} px"):
-            descriptor.ssi((), np.zeros((side, side), np.uint8))

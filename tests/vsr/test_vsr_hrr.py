@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -72,6 +74,36 @@ def test_inverses_of_gaussian_symbols(seed):
     assert hrr.similarity(recovered, y) > 0.6  # about 1/√2
     assert hrr.similarity(recovered, x).abs() < 0.2
     assert close(hrr.bind(bound, hrr.exact_inverse(x)), y, 1e-6)
+
+
+@pytest.mark.parametrize("dimension", [128, 512, 2048, 8192])
+def test_what_unbinding_recovers_stands_out_as_the_root_of_the_dimension(dimension):
+    """Plate 1995: x* ⊗ x ⊗ y has the cosine 1/√2 with y, and N(0, 1/D) with anything else."""
+    count = 400
+    x, y, others = (symbols(count, dimension, seed) for seed in (1, 2, 3))
+    recovered = hrr.bind(hrr.bind(x, y), hrr.inverse(x))
+    right = hrr.similarity(recovered, y)
+    wrong = hrr.similarity(recovered, others)
+    assert right.mean().item() == pytest.approx(math.sqrt(1 / 2), abs=2 / math.sqrt(dimension))
+    assert wrong.mean().abs() < 4 / math.sqrt(count * dimension)
+    stands_out = right.mean() / wrong.std()
+    assert stands_out.item() == pytest.approx(math.sqrt(dimension / 2), rel=0.2)
+
+
+@pytest.mark.parametrize("count", [2, 5, 20])
+def test_a_bundle_resembles_each_of_its_members_equally(count):
+    members = symbols(count, 8192, seed=count)
+    strangers = symbols(count, 8192, seed=100 + count)
+    bundle = hrr.bundle(members)
+    assert (hrr.similarity(bundle, members) - count**-0.5).abs().max() < 0.06
+    assert hrr.similarity(bundle, strangers).abs().max() < 0.06
+
+
+def test_what_is_bound_resembles_neither_part():
+    x, y = symbols(2, 8192, seed=0)
+    bound = hrr.bind(x, y)
+    assert hrr.similarity(bound, x).abs() < 0.06
+    assert hrr.similarity(bound, y).abs() < 0.06
 
 
 def test_degenerate_spectra():
