@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
@@ -141,9 +141,13 @@ class Manners:
 # if ego can stop by braking well below its limit of 8 m/s².
 AT_KERB = Manners(reaction=1.2, braking=3.5, margin=2.5)
 BESIDE_LANE = Manners(reaction=0.4, braking=6.0, margin=0.8)
+# The special one grants time, not distance, drawn for each episode. Whoever passes what hides it at
+# 10 km/h can stop even so; whoever comes at 40 and reacts only to what shows can't always.
+RASH_REACTION = (0.2, 0.8)  # s
 
 _KERB_STAND = 0.35  # m from the kerb, where people wait
 _CLEARANCE = 0.5  # m between ego and a person who waits beside its way
+_EAGERNESS = (1.2, 2.4)  # m by which the special one steps out sooner than it must
 _STRIDE = 1.35  # m, of both legs together
 _TURNING = 6.0  # rad/s
 _LATEST_CROSSING = 24.0  # s after the start; later the street is calm
@@ -218,19 +222,14 @@ class Activity(IntEnum):
     CROSS = 1
 
 
-class Pedestrians:
-    """All people of an episode. The one at index 0 is the special one, who crosses before ego.
+class Walkers:
+    """People who walk on as they do now, whatever comes.
 
-    Everyone walks along a sidewalk; some turn to the road at a line of their own and cross it.
-    They wait at the kerb, and once more beside ego's lane, until they trust ego to be able to
-    stop; then they go, relying on ego to brake. The special one also waits for ego to come near.
+    Arrays are replaced, never changed, so that a shallow copy is a copy.
 
     Args:
-        level: how many, and what they do.
-        behaviour: what the special one does before it crosses.
-        rng: source of chance; used only here, so that an episode is decided at its start.
-        street: where things are.
-        corridor: the strip of road that ego sweeps.
+        positions: float (N, 2), x and y in m.
+        velocities: float (N, 2), in m/s.
 
     Attributes:
         positions: float (N, 2), x and y in m.
@@ -239,36 +238,11 @@ class Pedestrians:
         phases: float (N,), of the stride, in rad.
     """
 
-    def __init__(
-        self,
-        level: TrafficLevel,
-        behaviour: Behaviour,
-        rng: Generator,
-        street: StreetGeometry,
-        corridor: Corridor,
-    ) -> None:
-        count = level.people
-        self._street = street
-        self._lane = corridor.centre
-        self._passing = corridor.width / 2 + PERSON_RADIUS
-        self._activities = np.full(count, Activity.WALK)
-        self._paces = np.clip(rng.normal(1.3, 0.15, count), 1.0, 1.6)
-        others = 1 + rng.permutation(count - 1)
-        self._paces[rng.permutation(others)[: round(level.running * count)]] = RUNNING_PACE
-        self._directions = rng.choice([-1.0, 1.0], count)
-        self._sides = rng.choice([-1.0, 1.0], count)
-        self._depths = rng.uniform(1.0, street.sidewalk_width - 0.5, count)
-        # The x where a person turns to the road; nan for those who never cross.
-        self._lines = np.full(count, np.nan)
-        self.positions = np.zeros((count, 2))
-        self.positions[:, 0] = rng.uniform(4.0, street.length + 4.0, count)
-        crossing = round(level.crossing * count)
-        self._schedule_crossings(others[:crossing], others[crossing:][: level.orderly], rng)
-        self.positions[:, 1] = self._tracks(self._sides)
-        self._place_special(behaviour, rng)
-        self.velocities = np.zeros((count, 2))
-        self.headings = np.where(self._directions > 0, 0.0, np.pi)
-        self.phases = rng.uniform(0.0, 2 * np.pi, count)
+    def __init__(self, positions: Array, velocities: Array) -> None:
+        self.positions = positions
+        self.velocities = velocities
+        self.headings = np.arctan2(velocities[:, 1], velocities[:, 0])
+        self.phases = np.zeros(len(positions))
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -285,14 +259,6 @@ class Pedestrians:
             ego: its present state.
             dt: time until they decide again, in s.
         """
-        self._turn()
-        crossing = self._activities == Activity.CROSS
-        held = crossing & self._have_to_wait(ego, dt)
-        # Whoever walks keeps to a track of their own; whoever crosses heads for the other side.
-        drift = np.clip(self._tracks(self._sides) - self.positions[:, 1], -0.3, 0.3)
-        across = np.where(crossing, -self._sides * self._paces, drift)
-        along = np.where(crossing, 0.0, self._directions * self._paces)
-        self.velocities = np.column_stack([along, np.where(held, 0.0, across)])
 
     def paths(self, times: Array) -> Array:
         """Return where everyone is after these times from now, in s: float (S, N, 2), in m."""
@@ -311,6 +277,67 @@ class Pedestrians:
         turns = np.mod(courses - self.headings + np.pi, 2 * np.pi) - np.pi
         turns = np.clip(turns, -_TURNING * dt, _TURNING * dt)
         self.headings = np.where(speeds > 0.05, self.headings + turns, self.headings)
+
+
+class Pedestrians(Walkers):
+    """All people of an episode. The one at index 0 is the special one, who crosses before ego.
+
+    Everyone walks along a sidewalk; some turn to the road at a line of their own and cross it.
+    They wait at the kerb, and once more beside ego's lane, until they trust ego to be able to
+    stop; then they go, relying on ego to brake. The special one also waits for ego to come near.
+
+    Args:
+        level: how many, and what they do.
+        behaviour: what the special one does before it crosses; None where nobody is special.
+        rng: source of chance; used only here, so that an episode is decided at its start.
+        street: where things are.
+        corridor: the strip of road that ego sweeps.
+    """
+
+    def __init__(
+        self,
+        level: TrafficLevel,
+        behaviour: Behaviour | None,
+        rng: Generator,
+        street: StreetGeometry,
+        corridor: Corridor,
+    ) -> None:
+        count = level.people
+        self._street = street
+        self._lane = corridor.centre
+        self._passing = corridor.width / 2 + PERSON_RADIUS
+        self._activities = np.full(count, Activity.WALK)
+        self._paces = np.clip(rng.normal(1.3, 0.15, count), 1.0, 1.6)
+        others = 1 + rng.permutation(count - 1)
+        self._paces[rng.permutation(others)[: round(level.running * count)]] = RUNNING_PACE
+        self._directions = rng.choice([-1.0, 1.0], count)
+        self._sides = rng.choice([-1.0, 1.0], count)
+        self._depths = rng.uniform(1.0, street.sidewalk_width - 0.5, count)
+        # The x where a person turns to the road; nan for those who never cross.
+        self._lines = np.full(count, np.nan)
+        self._special = BESIDE_LANE
+        self._eagerness = 0.0
+        self.positions = np.zeros((count, 2))
+        self.positions[:, 0] = rng.uniform(4.0, street.length + 4.0, count)
+        crossing = round(level.crossing * count)
+        self._schedule_crossings(others[:crossing], others[crossing:][: level.orderly], rng)
+        self.positions[:, 1] = self._tracks(self._sides)
+        if behaviour is not None:
+            self._place_special(behaviour, rng)
+        super().__init__(self.positions, np.zeros((count, 2)))
+        self.headings = np.where(self._directions > 0, 0.0, np.pi)
+        self.phases = rng.uniform(0.0, 2 * np.pi, count)
+
+    def decide(self, ego: Ego, dt: float) -> None:
+        """Let everyone choose a velocity; see `Walkers.decide`."""
+        self._turn()
+        crossing = self._activities == Activity.CROSS
+        held = crossing & self._have_to_wait(ego, dt)
+        # Whoever walks keeps to a track of their own; whoever crosses heads for the other side.
+        drift = np.clip(self._tracks(self._sides) - self.positions[:, 1], -0.3, 0.3)
+        across = np.where(crossing, -self._sides * self._paces, drift)
+        along = np.where(crossing, 0.0, self._directions * self._paces)
+        self.velocities = np.column_stack([along, np.where(held, 0.0, across)])
 
     def _schedule_crossings(
         self, unexpected: npt.NDArray[np.int64], orderly: npt.NDArray[np.int64], rng: Generator
@@ -338,7 +365,9 @@ class Pedestrians:
         self._paces[0] = rng.uniform(1.2, 1.5)
         self._sides[0], self._directions[0], self._lines[0] = -1.0, 1.0, line
         # How much farther away than it needs to stop ego may be when the special one steps out.
-        self._eagerness = rng.uniform(2.0, 5.0)
+        reaction = rng.uniform(*RASH_REACTION)
+        self._special = replace(BESIDE_LANE, reaction=reaction, braking=np.inf)
+        self._eagerness = rng.uniform(*_EAGERNESS)
         if behaviour == "briefly_visible":
             self.positions[0] = line - approach, street.near_kerb - depth
         else:
@@ -352,10 +381,10 @@ class Pedestrians:
         walking = self._activities == Activity.WALK
         starts = walking & (self._directions * (x - self._lines) >= 0.0)
         arrives = ~walking & (self._sides * (y - self._tracks(-self._sides)) <= 0.0)
-        self._activities[starts] = Activity.CROSS
-        self._activities[arrives] = Activity.WALK
+        self._activities = np.where(starts, Activity.CROSS, self._activities)
+        self._activities = np.where(arrives, Activity.WALK, self._activities)
         self._sides = np.where(arrives, -self._sides, self._sides)
-        self._lines[arrives] = np.nan
+        self._lines = np.where(arrives, np.nan, self._lines)
 
     def _have_to_wait(self, ego: Ego, dt: float) -> Flags:
         """Tell who stops at the kerb, beside ego's lane, or before ego itself."""
@@ -369,7 +398,7 @@ class Pedestrians:
         at_lane = (to_lane > 0.0) & (to_lane <= stride)
         nearest, farthest = self._trusted_gaps(ego, to_lane[0])
         trusts = passed | ((gaps >= nearest) & (gaps <= farthest))
-        can_stop = passed | (gaps >= BESIDE_LANE.stopping_distance(ego.speed))
+        can_stop = passed | (gaps >= self._room_beside_lane(ego.speed))
         # In the last half metre nobody walks into a car that stands or passes there.
         beside = (to_lane <= 0.0) & (to_lane >= -_CLEARANCE)
         blocked = beside & ~passed & (gaps < 0.0)
@@ -381,10 +410,16 @@ class Pedestrians:
         farthest = np.full(len(self), np.inf)
         # The special one acts on the distance that ego will have when it reaches ego's lane.
         stroll = ego.speed * to_lane / self._paces[0]
-        nearest[0] = BESIDE_LANE.stopping_distance(ego.speed) + stroll
+        nearest[0] = self._room_beside_lane(ego.speed)[0] + stroll
         yields = ego.speed < _YIELDING
         farthest[0] = _YIELDING_WITHIN if yields else nearest[0] + self._eagerness
         return nearest, farthest
+
+    def _room_beside_lane(self, speed: float) -> Array:
+        """Return how near ego may be, in m, for each to step before it from beside its lane."""
+        room = np.full(len(self), BESIDE_LANE.stopping_distance(speed))
+        room[0] = self._special.stopping_distance(speed)
+        return room
 
     def _kerbs(self, sides: Array) -> Array:
         return np.where(sides > 0, self._street.far_kerb, self._street.near_kerb)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
 import torch
 
+from env.actors import Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious
 from sfol.bench import median
@@ -18,20 +22,67 @@ from vsr.facts import scene_facts
 from vsr.segmentation import SimulatorSegmenter
 
 _BRAKE = np.array([-1.0], np.float32)
+_STRETCH = 100  # steps that are timed together, so that an episode's reset has its share
+
+_WORKER = """
+import resource
+import numpy as np
+from env.crossing import OccludedCrossing
+street = OccludedCrossing(traffic="high", occlusion="full")
+for seed in range(3):
+    street.reset(seed=seed)
+    for _ in range(10):
+        street.step(np.array([0.5], np.float32))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
 
 
 def measure() -> dict[str, Any]:
     """Return the median cost of every stage on a busy street, before the crosswalk.
 
     Returns:
-        Times in ms, and the ratio of a whole step to a camera frame.
+        Times in ms; the ratio of a whole step to a bare frame of TinyRenderer; steps a second with
+        truth and state, random actions, resets included; the memory of one worker in MB.
     """
     street = OccludedCrossing(traffic="high", occlusion="full")
     try:
         _drive_to(street, position=25.0)
-        return _stages(street)
+        stages = _stages(street)
     finally:
         street.close()
+    return {
+        **stages,
+        "truth_steps_per_second_low": _steps_per_second("low"),
+        "truth_steps_per_second_high": _steps_per_second("high"),
+        "worker_mb": _worker_memory(),
+    }
+
+
+def _steps_per_second(traffic: Traffic) -> int:
+    """Return the pace of perception ``truth`` and observation ``state``, resets included."""
+    street = OccludedCrossing(
+        traffic=traffic, occlusion="full", perception="truth", observation="state"
+    )
+    seeds, rng = count(), np.random.default_rng(0)
+    street.reset(seed=next(seeds))
+
+    def drive() -> None:
+        for pedal in rng.uniform(-0.7, 1.0, (_STRETCH, 1)).astype(np.float32):
+            *_, terminated, truncated, _ = street.step(pedal)
+            if terminated or truncated:
+                street.reset(seed=next(seeds))
+
+    try:
+        return round(_STRETCH / median(drive))
+    finally:
+        street.close()
+
+
+def _worker_memory() -> int:
+    """Return the most memory that a process with one busy street has had, in MB."""
+    command = [sys.executable, "-c", _WORKER]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return round(float(done.stdout))
 
 
 def _drive_to(street: OccludedCrossing, position: float) -> None:
@@ -62,6 +113,7 @@ def _stages(street: OccludedCrossing) -> dict[str, Any]:
             descriptor.ssi(entities, classes)
 
     stages: dict[str, Callable[[], object]] = {
+        "bare_frame_ms": lambda: street.camera.render(position),
         "camera_ms": lambda: street.camera.capture(position),
         "segmenter_ms": lambda: segmenter([frame]),
         "entities_and_facts_ms": perceive,
@@ -73,5 +125,5 @@ def _stages(street: OccludedCrossing) -> dict[str, Any]:
     return {
         "entities_in_view": len(entities),
         **times,
-        "step_over_camera": round(times["step_ms"] / times["camera_ms"], 2),
+        "step_over_bare_frame": round(times["step_ms"] / times["bare_frame_ms"], 2),
     }

@@ -67,12 +67,20 @@ class DashCamera:
         Args:
             front: x of ego's front bumper, in m.
         """
+        picture = self.render(front)
+        gray = np.where(picture.bodies < 0, self._sky(), luma(picture.rgb))
+        return Frame(gray, self._world.classes[picture.bodies], picture.bodies)
+
+    def render(self, front: float) -> Picture:
+        """Draw what the camera shows, in colour and without the sky.
+
+        Args:
+            front: x of ego's front bumper, in m.
+        """
         lens = self.parameters
         x, y = front - lens.setback, self._world.geometry.ego_lane
         view = pybullet.computeViewMatrix((x, y, lens.height), (x + 1.0, y, lens.height), (0, 0, 1))
-        picture = self._world.render(view, self._projection, (lens.size, lens.size), self._renderer)
-        gray = np.where(picture.bodies < 0, self._sky(), luma(picture.rgb))
-        return Frame(gray, self._world.classes[picture.bodies], picture.bodies)
+        return self._world.render(view, self._projection, (lens.size, lens.size), self._renderer)
 
     @cached_property
     def _projection(self) -> tuple[float, ...]:

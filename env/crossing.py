@@ -6,29 +6,46 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from numpy.random import Generator
 
 import sfol
-from env.actors import TRAFFIC, Behaviour, Corridor, Ego, EgoParameters, Pedestrians, Traffic
+from env.actors import (
+    TRAFFIC,
+    Behaviour,
+    Corridor,
+    Ego,
+    EgoParameters,
+    Pedestrians,
+    Traffic,
+    Walkers,
+)
 from env.camera import DashCamera, DashCameraParameters, third_person
 from env.meshes import VehicleSize
 from env.metrics import STANDSTILL, stopping_distance
+from env.observation import Observation, ObservationKind, observer_of
 from env.pipeline import Scene, ScenePipeline
+from env.truth import TruthPerception
+from env.window import Window
 from env.world import PERSON_RADIUS, Occlusion, World
 from sfol.errors import UsageError, did_you_mean
 from sfol.wrappers import log_items
-from vsr.segmentation import Frame
+from vsr.grounding import SegmentationGrounding
+from vsr.segmentation import Frame, Segmenter, SimulatorSegmenter
 
 Array = npt.NDArray[np.float64]
-Observation = npt.NDArray[np.uint8]
+Perception = Literal["simulator", "truth", "unet", "none"]
+RenderMode = Literal["rgb_array", "human"]
+RenderView = Literal["third_person", "dash"]
 
 PHYSICS_HZ = 100
+SPEED_LIMITS = (10.0, 130.0)  # km/h, the least and the greatest
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +74,8 @@ class _Stretch:
 class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """Drive along a street, past a crosswalk that a parked vehicle hides in part, to the goal.
 
-    The action is one number in [-1, 1], throttle above 0 and brake below. The observation is the
-    frame of the dash camera, uint8 (224, 224, 1). The reward is the knowledge base's, of the facts
-    and the speed before the action.
+    The action is one number in [-1, 1], throttle above 0 and brake below; what lies outside is
+    clipped. The reward is the knowledge base's, of the facts and the speed before the action.
 
     ``info`` of every step has ``reward_<term>`` (they sum to the reward), ``weight_<name>``,
     ``confidence_<head>``, ``speed`` in m/s, ``position`` of ego's front in m, ``distance`` d in m
@@ -73,20 +89,31 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         occlusion: ``partial``, a parked car, or ``full``, a parked box truck.
         behaviour: of the pedestrian who crosses before ego: ``briefly_visible`` or ``hidden``;
             drawn for each episode when None.
+        perception: where the facts come from: ``simulator``, the renderer's own class map;
+            ``truth``, the world's state and rays cast through it, without any picture; ``unet``, a
+            trained network's segmentation of the frame; ``none``, for those who perceive elsewhere:
+            no facts but the background's, and the reward of these.
+        observation: what the policy is given: ``image``, the dash camera's frame, uint8
+            (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.observation`.
+        fusion: of SSI and SF: ``add``, ``multiply``, ``ssi`` or ``sf``; only for ``vsr``.
         rules: a knowledge base, the path of one, or the name of a bundled one. Its grounding
             gives the camera's field of view and height.
+        speed_limit: what full throttle approaches, in km/h, from 10 to 130. People step out so that
+            ego can stop at 40; above, nobody promises that an episode can be survived.
         control_hz: actions a second, a divisor of 100.
         max_seconds: after which an episode is cut off.
-        render_mode: None or ``rgb_array``, a view of the street from behind ego.
+        render_mode: None; ``rgb_array``, `render` returns a picture; ``human``, a window shows it.
+        render_view: of that picture: ``third_person``, from behind ego, or ``dash``, the frame.
 
     Raises:
-        UsageError: an argument is none of these.
+        UsageError: an argument is none of these, there are no weights for ``unet``, or no screen
+            for ``human``.
         InvalidKnowledgeBase: the rules have errors.
 
     Source: paper, section "Occluded Pedestrian Crossing Scenario using CARLA".
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 (as in gymnasium)
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012 (as in gymnasium)
 
     def __init__(  # noqa: PLR0913 (each is an option of `gymnasium.make`)
         self,
@@ -94,38 +121,50 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         traffic: str = "medium",
         occlusion: str = "full",
         behaviour: str | None = None,
+        perception: str = "simulator",
+        observation: str = "image",
+        fusion: str = "add",
         rules: sfol.KnowledgeBase | str | Path = "crossing",
+        speed_limit: float = 40.0,
         control_hz: int = 10,
         max_seconds: float = 60.0,
         render_mode: str | None = None,
+        render_view: str = "third_person",
     ) -> None:
         self.traffic: Traffic = _one_of("traffic", traffic, get_args(Traffic))
         self.occlusion: Occlusion = _one_of("occlusion", occlusion, get_args(Occlusion))
         self._behaviours: tuple[Behaviour, ...] = get_args(Behaviour)
         if behaviour is not None:
             self._behaviours = (_one_of("behaviour", behaviour, self._behaviours),)
+        self.perception: Perception = _one_of("perception", perception, get_args(Perception))
+        kind: ObservationKind = _one_of("observation", observation, get_args(ObservationKind))
         if render_mode is not None:
-            _one_of("render_mode", render_mode, self.metadata["render_modes"])
-        _check_timing(control_hz, max_seconds)
+            _one_of("render_mode", render_mode, get_args(RenderMode))
         self.render_mode = render_mode
+        self.render_view: RenderView = _one_of("render_view", render_view, get_args(RenderView))
+        _check_numbers(speed_limit, control_hz, max_seconds)
+        self._window = Window("OccludedCrossing") if render_mode == "human" else None
         self.control_dt = 1.0 / control_hz
         self._substeps = PHYSICS_HZ // control_hz
         self._max_steps = math.ceil(max_seconds * control_hz)
         self.metadata = {**self.metadata, "render_fps": control_hz}
 
-        self.pipeline = ScenePipeline(rules)
-        self._ego_parameters = EgoParameters()
+        kb = rules if isinstance(rules, sfol.KnowledgeBase) else sfol.KnowledgeBase.load(rules)
+        self.pipeline = ScenePipeline(kb, _segmenter(self.perception, kb))
+        self._ego_parameters = EgoParameters(top_speed=speed_limit / 3.6)
         car = self._ego_parameters
         size = VehicleSize(car.length, car.width, car.height)
         self.world = World(TRAFFIC[self.traffic].people, self.occlusion, size)
         lens = self.pipeline.grounding.camera
         self.camera = DashCamera(self.world, DashCameraParameters(fov=lens.fov, height=lens.height))
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
+        self.truth = TruthPerception(self.world, self.camera.parameters, self.pipeline)
 
-        side = self.camera.parameters.size
-        self.observation_space = spaces.Box(0, 255, (side, side, 1), np.uint8)
+        self._observer = observer_of(kind, self.camera.parameters.size, fusion)
+        self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.ego = Ego(car)
+        self._frame: Frame | None = None
         self._ended = True
 
     def reset(
@@ -135,17 +174,15 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         super().reset(seed=seed, options=options)
         rng = self.np_random
         self.behaviour: Behaviour = self._behaviours[int(rng.integers(len(self._behaviours)))]
-        self.people = Pedestrians(
-            TRAFFIC[self.traffic], self.behaviour, rng, self.world.geometry, self.corridor
-        )
+        self.people = self._populate(rng)
         self.world.dress(rng)
-        self.ego = Ego(self._ego_parameters)
+        self.ego = self._start()
         self._speeds: list[float] = []
         self._distances: list[float] = []
         self._contacts_at_rest = 0
         self._ended = False
         self._look()
-        return self._observation(), {**self._state(), "behaviour": self.behaviour}
+        return self._observer(self), {**self._state(), "behaviour": self.behaviour}
 
     def step(
         self, action: npt.NDArray[np.float32]
@@ -160,9 +197,13 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             raise ResetNeeded("call reset() before step(): there is no episode to go on with")
         speed, facts = self.ego.speed, self.scene.facts
         stretch = self._drive(_pedal(action))
-        distance = self._distance(stretch)
+        distances = self.corridor.distances(
+            stretch.fronts, stretch.positions, self.people.velocities
+        )
+        distance = 0.0 if stretch.collided else float(distances.min())
         outcome = self.pipeline.reward.evaluate(facts, v=speed, v_next=self.ego.speed, d=distance)
-        self._record(stretch)
+        self._speeds.append(self.ego.speed)
+        self._distances.append(float(distances[-1].min()))
         self._look()
 
         success = not stretch.collided and self.ego.position >= self.world.geometry.goal
@@ -177,17 +218,39 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         }
         if self._ended:
             info |= self._ending(success, stretch.collided, truncated)
-        return self._observation(), outcome.reward, terminated, truncated, info
+        return self._observer(self), outcome.reward, terminated, truncated, info
+
+    @property
+    def frame(self) -> Frame:
+        """What the dash camera shows now; it is taken when somebody asks for it first."""
+        if self._frame is None:
+            self._place_people()
+            self._frame = self.camera.capture(self.ego.position)
+        return self._frame
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a view from behind ego, uint8 (360, 480, 3), in the mode ``rgb_array``."""
-        if self.render_mode is None:
-            return None
-        return third_person(self.world, self.ego.position)
+        """Return a picture in the mode ``rgb_array``, None in the others.
+
+        Returns:
+            uint8, RGB: (360, 480, 3) from behind ego, or (224, 224, 3) from the dashboard.
+        """
+        return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Free the physics client; a second call does nothing."""
+        """Free the physics client and the window; a second call does nothing."""
         self.world.close()
+        if self._window is not None:
+            self._window.close()
+
+    def _populate(self, rng: Generator) -> Walkers:
+        """Return the people of an episode; a street with other people overrides this."""
+        return Pedestrians(
+            TRAFFIC[self.traffic], self.behaviour, rng, self.world.geometry, self.corridor
+        )
+
+    def _start(self) -> Ego:
+        """Return ego as an episode finds it; a street with another start overrides this."""
+        return Ego(self._ego_parameters)
 
     def _drive(self, pedal: float) -> _Stretch:
         dt = 1.0 / PHYSICS_HZ
@@ -220,13 +283,6 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
                 self._contacts_at_rest += 1
         return None
 
-    def _distance(self, stretch: _Stretch) -> float:
-        if stretch.collided:
-            return 0.0
-        velocities = self.people.velocities
-        distances = self.corridor.distances(stretch.fronts, stretch.positions, velocities)
-        return float(distances.min())
-
     def _ttc(self, stretch: _Stretch) -> float:
         if stretch.collided:
             return 0.0
@@ -235,22 +291,27 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         )
         return float(times.min())
 
-    def _record(self, stretch: _Stretch) -> None:
-        last = self.corridor.distances(
-            stretch.fronts[-1:], stretch.positions[-1:], self.people.velocities
-        )
-        self._speeds.append(self.ego.speed)
-        self._distances.append(float(last.min()))
-
     def _look(self) -> None:
-        """Take a frame and perceive it."""
+        """Perceive the scene as it is now, and show it where there is a window."""
+        self._frame = None
+        if self.perception == "truth":
+            self.scene: Scene = self.truth.perceive(self.ego.position, self.people)
+        elif self.perception == "none":
+            self.scene = Scene((), self.pipeline.reward.facts())
+        else:
+            self.scene = self.pipeline.perceive([self.frame])[0]
+        if self._window is not None:
+            self._window.show(self._picture())
+
+    def _picture(self) -> npt.NDArray[np.uint8]:
+        if self.render_view == "dash":
+            return np.repeat(self.frame.gray[..., None], 3, axis=2)
+        self._place_people()
+        return third_person(self.world, self.ego.position)
+
+    def _place_people(self) -> None:
         people = self.people
         self.world.place_people(people.positions, people.headings, people.phases, people.speeds)
-        self.frame: Frame = self.camera.capture(self.ego.position)
-        self.scene: Scene = self.pipeline.perceive([self.frame])[0]
-
-    def _observation(self) -> Observation:
-        return self.frame.gray[..., None]
 
     def _state(self) -> dict[str, Any]:
         return {"speed": self.ego.speed, "position": self.ego.position}
@@ -275,17 +336,27 @@ def _one_of(name: str, value: str, allowed: Sequence[Any]) -> Any:
     return value
 
 
-def _check_timing(control_hz: int, max_seconds: float) -> None:
+def _check_numbers(speed_limit: float, control_hz: int, max_seconds: float) -> None:
+    if not SPEED_LIMITS[0] <= speed_limit <= SPEED_LIMITS[1]:
+        raise _refused("speed_limit", speed_limit, "from {} to {}, in km/h".format(*SPEED_LIMITS))
     if control_hz < 1 or PHYSICS_HZ % control_hz:
-        raise UsageError(
-            f"control_hz can't be {control_hz}",
-            name="control_hz",
-            suggestion=f"a divisor of {PHYSICS_HZ}, such as 10",
-        )
+        raise _refused("control_hz", control_hz, f"a divisor of {PHYSICS_HZ}, such as 10")
     if not 0.0 < max_seconds < math.inf:
-        raise UsageError(
-            f"max_seconds can't be {max_seconds}", name="max_seconds", suggestion="above 0, in s"
-        )
+        raise _refused("max_seconds", max_seconds, "above 0, in s")
+
+
+def _refused(name: str, value: float, suggestion: str) -> UsageError:
+    return UsageError(f"{name} can't be {value}", name=name, suggestion=suggestion)
+
+
+def _segmenter(perception: Perception, kb: sfol.KnowledgeBase) -> Segmenter:
+    """Return what turns frames into segmentation maps."""
+    if perception != "unet":
+        return SimulatorSegmenter()
+    from env.networks import load_segmenter  # noqa: PLC0415  (torch is slow to import)
+
+    grounding = kb.grounding_of("segmentation", SegmentationGrounding)
+    return load_segmenter(camera=grounding.camera)
 
 
 def _pedal(action: npt.NDArray[np.float32]) -> float:

@@ -45,6 +45,7 @@ class Step:
         distance: the reward's privileged d, in m; infinity when nobody is in the way.
         ttc: smallest time to collision during the step, in s; infinity when there is none.
         frame: grayscale camera image at s, uint8 (224, 224).
+        classes: the class that perception gave each of its pixels, uint8 (224, 224).
         entities: what perception found in that frame.
         facts: the facts of s, as text that ``sfol.Facts.parse`` reads.
         reward: R of the transition.
@@ -62,6 +63,7 @@ class Step:
     distance: float
     ttc: float
     frame: npt.NDArray[np.uint8]
+    classes: npt.NDArray[np.uint8]
     entities: tuple[SeenEntity, ...]
     facts: str
     reward: float

@@ -1,188 +1,452 @@
-"""Drive episodes and keep what happened."""
+"""The collision test: drivers drive the same episodes in every cell, and all of it is measured.
+
+Source: paper, section "Model Evaluation".
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Literal, NamedTuple, get_args
 
-import numpy as np
-import torch
-
+from env import metrics
+from env.actors import TRAFFIC, Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import Driver
-from env.episode import Ending, Episode, SeenEntity, Step
-from sfol.facts import Facts
+from env.episode import Ending
+from env.metrics import Mean, Share
+from env.parallel import in_order
+from env.policies import file_hash, is_policy, make_driver
+from env.rollout import Transition, rollout
+from env.streets import QuietStreet
+from sfol.errors import UsageError, did_you_mean
 from sfol.knowledge_base import KnowledgeBase
-from sfol.logs import LogWriter
-from sfol.syntax import Atom
-from vsr.classes import DYNAMIC_CLASSES
-from vsr.codebook import Codebook
-from vsr.descriptor import SceneDescriptor
+from sfol.logs import LoggedStep
+from sfol.testing import fired_rules
 
-Progress = Callable[[Step], None]
+CellOcclusion = Literal["partial", "full"]
+FIRST_SEED = 10_000  # of evaluation; nothing is ever tuned or trained on these seeds
 
 
-def drive(
-    street: OccludedCrossing,
-    driver: Driver,
-    seed: int,
-    *,
-    name: str,
-    progress: Progress = lambda step: None,
-) -> Episode:
-    """Drive one episode and record every step of it.
+class Cell(NamedTuple):
+    """A cell of the collision test."""
+
+    traffic: Traffic
+    occlusion: CellOcclusion
+
+    @classmethod
+    def parse(cls, text: str) -> Cell:
+        """Return the cell that a text such as ``low/full`` names.
+
+        Raises:
+            UsageError: there is none.
+        """
+        cells = {str(cell): cell for cell in CELLS}
+        if text not in cells:
+            raise UsageError(
+                f"there is no cell '{text}'", name=text, suggestion=did_you_mean(text, cells)
+            )
+        return cells[text]
+
+    def __str__(self) -> str:
+        return f"{self.traffic}/{self.occlusion}"
+
+
+CELLS = tuple(
+    Cell(traffic, occlusion) for traffic in TRAFFIC for occlusion in get_args(CellOcclusion)
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides what comes of a drive; equal settings, equal results.
+
+    Attributes:
+        driver: name of a scripted driver, or path of a policy file.
+        policy: hash of the policy file; None for a scripted driver.
+        traffic: of the cell.
+        occlusion: of the cell.
+        hazard: whether people cross.
+        perception: where facts come from.
+        episodes: how many.
+        seed: of the first one.
+        knowledge_base: its name.
+        knowledge_base_hash: of its content.
+    """
+
+    driver: str
+    policy: str | None
+    traffic: str
+    occlusion: str
+    hazard: bool
+    perception: str
+    episodes: int
+    seed: int
+    knowledge_base: str
+    knowledge_base_hash: str
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A driver in a cell.
+
+    Attributes:
+        driver: name of a scripted driver, or path of a policy file.
+        cell: of the street.
+        rules: what rewards; nobody drives by them.
+        episodes: how many.
+        seed: of the first one; the others follow.
+        perception: where facts come from; see `OccludedCrossing`.
+        hazard: whether people cross; else nobody does.
+        trust: whether a policy file may lie outside the project's folder.
+    """
+
+    driver: str
+    cell: Cell
+    rules: KnowledgeBase
+    episodes: int = 100
+    seed: int = FIRST_SEED
+    perception: str = "simulator"
+    hazard: bool = True
+    trust: bool = False
+
+    @property
+    def seeds(self) -> range:
+        """Of its episodes."""
+        return range(self.seed, self.seed + self.episodes)
+
+    @cached_property
+    def settings(self) -> Settings:
+        """What decides the results, in a form that can be compared and written."""
+        return Settings(
+            driver=self.driver,
+            policy=file_hash(Path(self.driver)) if is_policy(self.driver) else None,
+            traffic=self.cell.traffic,
+            occlusion=self.cell.occlusion,
+            hazard=self.hazard,
+            perception=self.perception,
+            episodes=self.episodes,
+            seed=self.seed,
+            knowledge_base=self.rules.name,
+            knowledge_base_hash=self.rules.hash,
+        )
+
+    def street(self) -> OccludedCrossing:
+        """Build the street."""
+        kind = OccludedCrossing if self.hazard else QuietStreet
+        return kind(
+            traffic=self.cell.traffic,
+            occlusion=self.cell.occlusion,
+            perception=self.perception,
+            observation="state",
+            rules=self.rules,
+        )
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """What was measured of an episode. None stands for "it has none".
+
+    Attributes:
+        seed: of the episode.
+        behaviour: of the one who crosses before ego.
+        ending: how it ended.
+        steps: how many control steps it had.
+        seconds: how long it took.
+        stopping_distance: see `metrics.stopping_distance`, in m.
+        rms_speed: over all instants, in m/s.
+        rms_acceleration: over all steps, in m/s².
+        rms_jerk: over all pairs of steps, in m/s³.
+        min_ttc: smallest time to collision, in s; 0 on contact.
+        impact_speed: ego's speed at the contact, in m/s.
+        false_braking: number of steps; see `metrics.false_braking`.
+        contact_at_rest: instants at which somebody touched ego while it stood.
+        total: Σ r, the return.
+        discounted: Σ γ^k r.
+        fluctuation: weight → total variation, in 1/s.
+        heads: head → number of steps in which its confidence was above zero.
+        rules: rule → number of steps in which it concluded something.
+    """
+
+    seed: int
+    behaviour: str
+    ending: Ending
+    steps: int
+    seconds: float
+    stopping_distance: float | None
+    rms_speed: float
+    rms_acceleration: float
+    rms_jerk: float | None
+    min_ttc: float | None
+    impact_speed: float | None
+    false_braking: int
+    contact_at_rest: int
+    total: float
+    discounted: float
+    fluctuation: Mapping[str, float]
+    heads: Mapping[str, int]
+    rules: Mapping[str, int]
+
+    @property
+    def near_miss(self) -> bool:
+        """Whether a collision was less than 2 s away, and there was none."""
+        near = self.min_ttc is not None and self.min_ttc <= metrics.NEAR_MISS
+        return near and self.ending != "collision"
+
+
+@dataclass(frozen=True)
+class DrivenEpisode:
+    """An episode's measures, and its log if one was asked for."""
+
+    result: EpisodeResult
+    log: tuple[LoggedStep, ...] = ()
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What was measured of the episodes of a driver in a cell.
+
+    Rates have Wilson's 95 % interval. Means are over those episodes that have the number, and say
+    how many those are.
+
+    Attributes:
+        steps: of all episodes together.
+        success: share of episodes.
+        collision: share of episodes.
+        timeout: share of episodes.
+        near_miss: share of episodes whose smallest time to collision is at most 2 s, without
+            collision.
+        false_braking: share of all steps; see `metrics.false_braking`. Its interval takes steps
+            for independent, which neighbours are not.
+        stopping_distance: over episodes with a stop for somebody, in m.
+        rms_speed: mean of the episodes', in m/s.
+        rms_acceleration: mean of the episodes', in m/s².
+        rms_jerk: mean of the episodes', in m/s³.
+        min_ttc: over episodes in which somebody was in the way, in s.
+        impact_speed: over collisions, in m/s.
+        time_to_goal: over successes, in s.
+        contact_at_rest: over all episodes, of how many instants somebody touched a standing ego.
+        total: ending → mean return of the episodes that ended so.
+        discounted: ending → mean discounted return of those, γ = 0.99.
+        fluctuation: weight → mean total variation, in 1/s.
+        heads: head → share of steps in which its confidence was above zero.
+        rules: rule → share of steps in which it concluded something.
+    """
+
+    steps: int
+    success: Share
+    collision: Share
+    timeout: Share
+    near_miss: Share
+    false_braking: Share
+    stopping_distance: Mean
+    rms_speed: Mean
+    rms_acceleration: Mean
+    rms_jerk: Mean
+    min_ttc: Mean
+    impact_speed: Mean
+    time_to_goal: Mean
+    contact_at_rest: int
+    total: Mapping[Ending, Mean]
+    discounted: Mapping[Ending, Mean]
+    fluctuation: Mapping[str, Mean]
+    heads: Mapping[str, float]
+    rules: Mapping[str, float]
+
+
+def evaluate(
+    drives: Sequence[Drive], *, workers: int = 1, logs: bool = False
+) -> Iterator[DrivenEpisode]:
+    """Drive all episodes of all drives, and yield them in their order.
+
+    What comes of an episode depends on its drive and its seed alone.
+
+    Args:
+        drives: drivers in cells.
+        workers: how many processes drive.
+        logs: whether facts and signals of every step are kept.
+
+    Raises:
+        SfolError: a driver or a street can't be made, or a worker was killed.
+    """
+    jobs = [_Job(drive, seed, logs) for drive in drives for seed in drive.seeds]
+    try:
+        yield from in_order(_do, jobs, workers)
+    finally:
+        _workplace.leave()
+
+
+def drive_episode(
+    street: OccludedCrossing, driver: Driver, seed: int, *, logs: bool = False
+) -> DrivenEpisode:
+    """Drive one episode and return its measures; no frame is kept.
 
     Args:
         street: the environment; it is reset.
         driver: chooses the actions; it is reset.
         seed: decides everything that the environment draws.
-        name: the driver's name, for the record.
-        progress: called after every step.
-
-    Returns:
-        The episode, from reset to its end.
+        logs: whether facts and signals of every step are kept.
     """
-    street.reset(seed=seed)
-    driver.reset()
-    descriptor = SceneDescriptor(Codebook(), street.pipeline.grounding)
-    steps: list[Step] = []
-    while True:
-        seen = _Seen(street, descriptor)
-        action = driver(street)
-        _, reward, terminated, truncated, info = street.step(np.array([action], np.float32))
-        steps.append(seen.step(len(steps) * street.control_dt, action, float(reward), info))
-        progress(steps[-1])
-        if terminated or truncated:
-            break
-    return Episode(
-        driver=name,
-        traffic=street.traffic,
-        occlusion=street.occlusion,
-        behaviour=street.behaviour,
-        seed=seed,
-        control_dt=street.control_dt,
-        steps=tuple(steps),
-        ending=_ending(info),
-        info=info,
+    reward = street.pipeline.reward
+    steps: list[_Step] = []
+    log: list[LoggedStep] = []
+    for transition in rollout(street, driver, seed):
+        facts = transition.scene.facts
+        steps.append(_Step.of(transition, fired_rules(reward, facts)))
+        if logs:
+            log.append(LoggedStep(transition.time, facts, transition.signals))
+    return DrivenEpisode(_measured(street, seed, steps, transition), tuple(log))
+
+
+def summarize(results: Sequence[EpisodeResult]) -> Summary:
+    """Return the summary of episodes under one knowledge base."""
+    steps = sum(result.steps for result in results)
+
+    def share(ending: Ending) -> Share:
+        return Share.over(result.ending == ending for result in results)
+
+    def mean(name: str) -> Mean:
+        return Mean.over(getattr(result, name) for result in results)
+
+    def by_ending(name: str) -> dict[Ending, Mean]:
+        return {
+            ending: Mean.over(getattr(r, name) for r in results if r.ending == ending)
+            for ending in get_args(Ending)
+        }
+
+    def of_steps(name: str) -> dict[str, float]:
+        counts: Counter[str] = Counter()
+        for result in results:
+            counts.update(getattr(result, name))
+        return {key: count / steps for key, count in counts.items()}
+
+    weights = dict.fromkeys(name for result in results for name in result.fluctuation)
+    return Summary(
+        steps=steps,
+        success=share("success"),
+        collision=share("collision"),
+        timeout=share("timeout"),
+        near_miss=Share.over(result.near_miss for result in results),
+        false_braking=Share.out_of(sum(result.false_braking for result in results), steps),
+        stopping_distance=mean("stopping_distance"),
+        rms_speed=mean("rms_speed"),
+        rms_acceleration=mean("rms_acceleration"),
+        rms_jerk=mean("rms_jerk"),
+        min_ttc=mean("min_ttc"),
+        impact_speed=mean("impact_speed"),
+        time_to_goal=Mean.over(r.seconds for r in results if r.ending == "success"),
+        contact_at_rest=sum(result.contact_at_rest for result in results),
+        total=by_ending("total"),
+        discounted=by_ending("discounted"),
+        fluctuation={w: Mean.over(r.fluctuation[w] for r in results) for w in weights},
+        heads=of_steps("heads"),
+        rules=of_steps("rules"),
     )
 
 
-class _Seen:
-    """The state before an action: what the camera shows and what it means."""
+class _Step(NamedTuple):
+    """The numbers of a step that are kept until its episode ends."""
 
-    def __init__(self, street: OccludedCrossing, descriptor: SceneDescriptor) -> None:
-        scene = street.scene
-        reward = street.pipeline.reward
-        names = [entity.name for entity in scene.entities]
-        weights = reward.entity_weights(scene.facts, names)
-        about = _atoms_by_entity(scene.facts)
-        moving = [entity.name for entity in scene.entities if entity.kind in DYNAMIC_CLASSES]
-        self._speed = street.ego.speed
-        self._position = street.ego.position
-        self._frame = street.frame.gray
-        self._facts = str(scene.facts)
-        self._entities = tuple(
-            SeenEntity(
-                name=entity.name,
-                kind=entity.kind.name.lower(),
-                confidence=entity.confidence,
-                box=entity.box,
-                weight=weights[entity.name],
-                facts=about.get(entity.name, ()),
-            )
-            for entity in scene.entities
-        )
-        with torch.inference_mode():
-            vectors = descriptor.ssi(scene.entities, scene.classes)
-            bundle = descriptor.bundle(vectors, [weights[name] for name in moving])
-        self._descriptor = bundle.numpy()
+    speed: float
+    speed_next: float
+    distance: float
+    ttc: float
+    crosswalk_free: bool
+    reward: float
+    weights: Mapping[str, float]
+    heads: Sequence[str]
+    rules: frozenset[str]
 
-    def step(self, time: float, action: float, reward: float, info: Mapping[str, Any]) -> Step:
-        """Return the whole transition, once it is known what came of the action."""
-        return Step(
-            time=time,
-            position=self._position,
-            speed=self._speed,
+    @classmethod
+    def of(cls, transition: Transition, rules: frozenset[str]) -> _Step:
+        info, confidences = transition.info, transition.parts("confidence_")
+        return cls(
+            speed=transition.speed,
             speed_next=info["speed"],
-            action=action,
             distance=info["distance"],
             ttc=info["ttc"],
-            frame=self._frame,
-            entities=self._entities,
-            facts=self._facts,
-            reward=reward,
-            terms=_named(info, "reward_"),
-            weights=_named(info, "weight_"),
-            confidences=_named(info, "confidence_"),
-            descriptor=self._descriptor,
+            crosswalk_free=transition.crosswalk_free,
+            reward=transition.reward,
+            weights=transition.parts("weight_"),
+            heads=[head for head, confidence in confidences.items() if confidence > 0.0],
+            rules=rules,
         )
 
 
-def most_dangerous(episodes: Sequence[Episode]) -> tuple[int, int]:
-    """Return the episode and the step of the most dangerous moment.
-
-    A contact comes first; without one it is the smallest time to collision, and without any of
-    that the smallest distance.
-
-    Args:
-        episodes: at least one, each with at least one step.
-    """
-    moments = [(i, j) for i, episode in enumerate(episodes) for j in range(len(episode.steps))]
-
-    def danger(moment: tuple[int, int]) -> tuple[bool, float, float]:
-        episode = episodes[moment[0]]
-        step = episode.steps[moment[1]]
-        contact = episode.ending == "collision" and step is episode.steps[-1]
-        return not contact, step.ttc, step.distance
-
-    return min(moments, key=danger)
-
-
-def coverage(episodes: Iterable[Episode], heads: Iterable[str]) -> dict[str, int]:
-    """Return for every head in how many steps its confidence was above zero."""
-    steps = [step for episode in episodes for step in episode.steps]
-    return {head: sum(step.confidences.get(head, 0.0) > 0.0 for step in steps) for head in heads}
-
-
-def write_log(path: Path, episodes: Iterable[Episode], kb: KnowledgeBase) -> None:
-    """Write facts and signals of every step, for ``sfol diff --log`` and ``sfol replay``.
-
-    Args:
-        path: the file, which is replaced if it exists.
-        episodes: driven under the knowledge base.
-        kb: the knowledge base.
-    """
-    with LogWriter(path, kb) as log:
-        for episode in episodes:
-            for step in episode.steps:
-                facts = Facts.parse(step.facts, margin=kb.grounding.margin)
-                log.step(facts, time=step.time, **signals_of(step))
-            log.end_episode(episode.ending)
+def _measured(
+    street: OccludedCrossing, seed: int, steps: Sequence[_Step], last: Transition
+) -> EpisodeResult:
+    kb, dt, info = street.pipeline.kb, street.control_dt, last.info
+    speeds = [steps[0].speed, *(step.speed_next for step in steps)]
+    accelerations = metrics.rate(speeds, dt)
+    rewards = [step.reward for step in steps]
+    heads = Counter(head for step in steps for head in step.heads)
+    rules = Counter(rule for step in steps for rule in step.rules)
+    return EpisodeResult(
+        seed=seed,
+        behaviour=street.behaviour,
+        ending=last.ending,
+        steps=len(steps),
+        seconds=len(steps) * dt,
+        stopping_distance=_known(info["stopping_distance"]),
+        rms_speed=metrics.rms(speeds),
+        rms_acceleration=metrics.rms(accelerations),
+        rms_jerk=_known(metrics.rms(metrics.rate(accelerations, dt))),
+        min_ttc=_known(min(step.ttc for step in steps)),
+        impact_speed=info["speed"] if info["collision"] else None,
+        false_braking=metrics.false_braking(
+            accelerations,
+            [step.distance for step in steps],
+            [step.crosswalk_free for step in steps],
+        ),
+        contact_at_rest=info["contact_at_rest"],
+        total=sum(rewards),
+        discounted=metrics.discounted_return(rewards),
+        fluctuation={w: metrics.fluctuation([s.weights[w] for s in steps], dt) for w in kb.weights},
+        heads={head: heads[head] for head in kb.heads},
+        rules={rule: rules[rule] for rule in kb.rules},
+    )
 
 
-def signals_of(step: Step) -> dict[str, float]:
-    """Return the signals that a step's reward was computed from."""
-    return {"v": step.speed, "v_next": step.speed_next, "d": step.distance}
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
-def _atoms_by_entity(facts: Iterable[Atom]) -> dict[str, tuple[str, ...]]:
-    atoms: dict[str, list[str]] = {}
-    for atom in facts:
-        for entity in dict.fromkeys(atom.arguments):
-            atoms.setdefault(entity, []).append(str(atom))
-    return {entity: tuple(texts) for entity, texts in atoms.items()}
+class _Job(NamedTuple):
+    drive: Drive
+    seed: int
+    logs: bool
 
 
-def _named(info: Mapping[str, Any], prefix: str) -> dict[str, float]:
-    return {
-        key.removeprefix(prefix): float(value)
-        for key, value in info.items()
-        if key.startswith(prefix)
-    }
+class _Workplace:
+    """Street and driver of this process. They are dear to build, and so kept for the next job."""
+
+    def __init__(self) -> None:
+        self._settings: Settings | None = None
+
+    def enter(self, drive: Drive) -> tuple[OccludedCrossing, Driver]:
+        """Return the street and the driver of a drive."""
+        if drive.settings != self._settings:
+            self.leave()
+            self._driver = make_driver(drive.driver, trust=drive.trust)
+            self._street = drive.street()
+            self._settings = drive.settings
+        return self._street, self._driver
+
+    def leave(self) -> None:
+        """Close the street, if there is one."""
+        if self._settings is not None:
+            self._street.close()
+            self._settings = None
 
 
-def _ending(info: Mapping[str, Any]) -> Ending:
-    if info["collision"]:
-        return "collision"
-    return "success" if info["is_success"] else "timeout"
+_workplace = _Workplace()
+
+
+def _do(job: _Job) -> DrivenEpisode:
+    street, driver = _workplace.enter(job.drive)
+    return drive_episode(street, driver, job.seed, logs=job.logs)

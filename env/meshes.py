@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -61,12 +62,19 @@ class Mesh:
 
     def shape(self) -> dict[str, Any]:
         """Return the arguments of pybullet's ``createVisualShape`` for ``GEOM_MESH``."""
-        return {
-            "vertices": self.vertices.tolist(),
-            "normals": self.normals.tolist(),
-            "uvs": self.uvs.tolist(),
-            "indices": self.triangles.ravel().tolist(),
-        }
+        arrays = (self.vertices, self.normals, self.uvs, self.triangles)
+        return _shape(*(array.tobytes() for array in arrays))
+
+
+@cache
+def _shape(vertices: bytes, normals: bytes, uvs: bytes, triangles: bytes) -> dict[str, Any]:
+    """Return the lists of a mesh; equal meshes share theirs, for pybullet never lets go of them."""
+    return {
+        "vertices": np.frombuffer(vertices).reshape(-1, 3).tolist(),
+        "normals": np.frombuffer(normals).reshape(-1, 3).tolist(),
+        "uvs": np.frombuffer(uvs).reshape(-1, 2).tolist(),
+        "indices": np.frombuffer(triangles, np.int64).tolist(),
+    }
 
 
 def merge(*meshes: Mesh) -> Mesh:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sfol
+from sfol.errors import UsageError
 from vsr.entities import ClassMap, Entity, class_map, find_entities
 from vsr.facts import scene_facts
 from vsr.grounding import SegmentationGrounding
@@ -23,12 +24,26 @@ class Scene:
     Attributes:
         entities: pedestrians, vehicles, trucks and crosswalks that are seen.
         facts: what they say about the scene.
-        classes: uint8 (H, W), the segmenter's most likely class of each pixel.
+        class_map: uint8 (H, W), the segmenter's most likely class of each pixel; None where the
+            facts come from no picture.
     """
 
     entities: tuple[Entity, ...]
     facts: sfol.Facts
-    classes: ClassMap
+    class_map: ClassMap | None = None
+
+    @property
+    def classes(self) -> ClassMap:
+        """The class map.
+
+        Raises:
+            UsageError: there is none.
+        """
+        if self.class_map is None:
+            raise UsageError(
+                "perception 'truth' makes no class map", name="truth", suggestion="simulator"
+            )
+        return self.class_map
 
 
 class ScenePipeline:

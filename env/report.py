@@ -22,6 +22,8 @@ from PIL import Image
 
 from env.episode import Episode, SeenEntity, Step
 from vsr.classes import COLOURS, SemanticClass
+from vsr.entities import ClassMap
+from vsr.pictures import PALETTE
 
 Frame = npt.NDArray[np.uint8]
 
@@ -42,11 +44,13 @@ class Focus:
         episode: index into the episodes.
         step: index into that episode's steps.
         explanation: the proof tree of that moment, as plain text.
+        pictures: what perception and descriptor hold of that moment: caption and PNG file.
     """
 
     episode: int
     step: int
     explanation: str
+    pictures: tuple[tuple[str, bytes], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ def _page_data(
     quality = _quality([step.frame for step in steps])
     return {
         "provenance": asdict(provenance),
-        "focus": asdict(focus),
+        "focus": _focus_data(focus),
         "groups": {weight: list(group) for weight, group in groups.items()},
         "names": names,
         "colours": _colours(entity.kind for step in steps for entity in step.entities),
@@ -192,7 +196,13 @@ def _episode_data(
         "moments": [_moment_data(step, strings) for step in steps],
         "size": [width, height],
         "frames": [_encode(step.frame, quality) for step in steps],
+        "classes": [_encode_classes(step.classes) for step in steps],
     }
+
+
+def _focus_data(focus: Focus) -> dict[str, Any]:
+    pictures = [(caption, base64.b64encode(png).decode("ascii")) for caption, png in focus.pictures]
+    return {**asdict(focus), "pictures": pictures}
 
 
 def _summary(episode: Episode, terms: Sequence[str]) -> dict[str, Any]:
@@ -241,6 +251,15 @@ def _least(values: Iterable[float]) -> float | None:
 def _encode(frame: Frame, quality: int) -> str:
     buffer = io.BytesIO()
     Image.fromarray(frame).save(buffer, "WEBP", quality=quality, method=2)
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _encode_classes(classes: ClassMap) -> str:
+    """A class map in its colours; a picture of few colours is small without any loss."""
+    picture = Image.fromarray(classes, "P")
+    picture.putpalette(PALETTE.tobytes())
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", optimize=True)
     return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

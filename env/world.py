@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from PIL import Image
 
 from env import meshes, textures
 from env.meshes import Figure, Mesh, VehicleSize
-from sfol.errors import MissingExtraError
+from sfol.errors import MissingExtraError, UsageError
 from vsr.classes import SemanticClass
 
 try:
@@ -28,9 +28,10 @@ except ImportError as error:
     ) from error
 
 Array = npt.NDArray[np.float64]
-Occlusion = Literal["partial", "full"]
+Occlusion = Literal["partial", "full", "cpnco"]
 
 PERSON_RADIUS = 0.3  # m, of the upright cylinder that contact is asked of
+_PARKING_GAP = 1.0  # m between parked vehicles
 _OUT_OF_SIGHT = (-60.0, 0.0, -40.0)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 # What can be worn is the same in every process; a seed chooses from it.
@@ -128,25 +129,71 @@ class Picture:
     bodies: npt.NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class ParkedVehicle:
+    """A vehicle that stands, facing along the street.
+
+    Attributes:
+        kind: VEHICLE, a car, or TRUCK, a box truck.
+        size: its outer measures.
+        place: x and y of its middle, in m.
+    """
+
+    kind: SemanticClass
+    size: VehicleSize
+    place: tuple[float, float]
+
+
+class _Model(NamedTuple):
+    """A make of vehicle: a car with a boot of this share of its length, or a box truck."""
+
+    size: VehicleSize
+    boot: float | None = None
+
+    @property
+    def kind(self) -> SemanticClass:
+        return SemanticClass.TRUCK if self.boot is None else SemanticClass.VEHICLE
+
+    @property
+    def mesh(self) -> Mesh:
+        return (
+            meshes.box_truck(self.size) if self.boot is None else meshes.car(self.size, self.boot)
+        )
+
+
 _CARS = (
-    (VehicleSize(4.25, 1.78, 1.46), 0.03),
-    (VehicleSize(4.60, 1.82, 1.42), 0.14),
-    (VehicleSize(4.05, 1.74, 1.50), 0.02),
+    _Model(VehicleSize(4.25, 1.78, 1.46), 0.03),
+    _Model(VehicleSize(4.60, 1.82, 1.42), 0.14),
+    _Model(VehicleSize(4.05, 1.74, 1.50), 0.02),
 )
-_TRUCKS = (VehicleSize(6.0, 2.05, 2.75), VehicleSize(6.6, 2.1, 2.95), VehicleSize(5.6, 2.0, 2.6))
+_TRUCKS = (
+    _Model(VehicleSize(6.0, 2.05, 2.75)),
+    _Model(VehicleSize(6.6, 2.1, 2.95)),
+    _Model(VehicleSize(5.6, 2.0, 2.6)),
+)
+_CHILD = Figure(height=1.15)  # Euro NCAP's child is as tall as one of seven
 
 
 class World:
     """The bodies of the street. Everything is built once; `dress` changes it for an episode.
 
-    pybullet keeps the memory of meshes even when their bodies are removed, so a street that was
-    built anew for every episode would grow without end.
+    pybullet keeps the memory of meshes even when their bodies are removed, until the client is
+    closed, so a street that was built anew for every episode would grow without end.
 
     Args:
         people: how many pedestrians there are.
-        occlusion: the kind of the parked vehicle, ``partial`` (a car) or ``full`` (a box truck).
+        occlusion: what is parked before the crosswalk: ``partial``, a car; ``full``, a box truck;
+            ``cpnco``, the stage of Euro NCAP's test of that name: a car, behind it a box truck, and
+            the first of the people is a child.
         ego: outer measures of ego.
         geometry: the street.
+
+    Attributes:
+        light: of the episode.
+        heights: float (N,), of the people, in m.
+        parked: the vehicles that stand in the street.
+        posts: float (M, 3), x, y and radius of tree trunks, lamps and sign posts, in m.
+        classes: uint8, the semantic class of each body and, at index -1, of the sky.
     """
 
     def __init__(
@@ -159,7 +206,7 @@ class World:
         self.geometry = geometry or StreetGeometry()
         self.light = Light()
         self._ego_size = ego
-        self._client: int | None = pybullet.connect(pybullet.DIRECT)
+        self._client: int | None = _connect()
         self._kinds: list[SemanticClass] = []
         rng = np.random.default_rng(_WARDROBE_SEED)
         with tempfile.TemporaryDirectory(prefix="street-") as folder:
@@ -168,7 +215,11 @@ class World:
         self._build_houses(rng)
         self._build_furniture(rng)
         self._parked = self._build_vehicles(occlusion)
-        self._people = [self._build_person(_figure(rng)) for _ in range(people)]
+        figures = [_figure(rng) for _ in range(people)]
+        if occlusion == "cpnco":
+            figures[0] = _CHILD
+        self.heights = np.array([figure.height for figure in figures])
+        self._people = [self._build_person(figure) for figure in figures]
         self._ego = self._build_ego(ego)
         self.hide_ego()
         # Sky has no body: the last entry is what index -1 finds.
@@ -197,7 +248,7 @@ class World:
             paces: float (N,), speeds in m/s, which give the length of the step.
         """
         client, ground = self._client, self.geometry
-        swings = np.minimum(0.3 * paces, 0.5) * np.sin(phases)
+        swings = leg_swings(phases, paces)
         sunk = meshes.HIP_HEIGHT * (1.0 - np.cos(swings))
         heights = np.where(ground.on_sidewalk(positions[:, 1]), ground.kerb_height, 0.0) - sunk
         rows = zip(
@@ -383,16 +434,12 @@ class World:
             plates.append(self._body(plate, SemanticClass.TRAFFIC_SIGN))
             self._wear(plates[-1], "sign", 0)
         self._posts = posts
+        self._signs = places
 
-    def _build_vehicles(self, occlusion: Occlusion) -> list[tuple[int, VehicleSize]]:
-        if occlusion == "full":
-            return [
-                (self._body(meshes.box_truck(size), SemanticClass.TRUCK), size) for size in _TRUCKS
-            ]
-        return [
-            (self._body(meshes.car(size, boot), SemanticClass.VEHICLE), size)
-            for size, boot in _CARS
-        ]
+    def _build_vehicles(self, occlusion: Occlusion) -> list[list[tuple[int, _Model]]]:
+        """Return what may park in each place, the place at the crosswalk first."""
+        places = {"partial": [_CARS], "full": [_TRUCKS], "cpnco": [_CARS, _TRUCKS]}[occlusion]
+        return [[(self._body(model.mesh, model.kind), model) for model in some] for some in places]
 
     def _build_person(self, figure: Figure) -> int:
         leg, arm = meshes.leg(figure), meshes.arm(figure)
@@ -487,26 +534,66 @@ class World:
         spots = [(x, street.near_kerb - 0.5) for x in clear_of_crosswalk]
         spots += [(x + 5.0, street.far_kerb + 0.5) for x in clear_of_crosswalk]
         leaves = int(rng.integers(len(self._textures["furniture"])))
+        posts = [(x, y, 0.04) for x, y in self._signs]
         for tree, (x, y) in zip(self._trees, spots, strict=True):
-            self._put(tree, (x + rng.uniform(-2.5, 2.5), y, 0.0), rng.uniform(0.0, 6.28))
+            place = (x + rng.uniform(-2.5, 2.5), y, 0.0)
+            self._put(tree, place, rng.uniform(0.0, 6.28))
             self._wear(tree, "furniture", leaves)
+            posts.append((*place[:2], 0.14))
         first = rng.uniform(0.0, 8.0)
         for number, pole in enumerate(self._lamps):
-            self._put(pole, (first + 26.0 * number, street.far_kerb + 0.35, 0.0), np.pi)
+            place = (first + 26.0 * number, street.far_kerb + 0.35, 0.0)
+            self._put(pole, place, np.pi)
             self._wear(pole, "furniture", leaves)
+            posts.append((*place[:2], 0.08))
+        self.posts = np.array(posts)
         for post in self._posts:
             self._wear(post, "furniture", leaves)
 
     def _park(self, rng: Generator) -> None:
         street = self.geometry
-        chosen = int(rng.integers(len(self._parked)))
-        for vehicle, _ in self._parked:
-            self._put(vehicle, _OUT_OF_SIGHT)
-        vehicle, size = self._parked[chosen]
         front = street.crosswalk[0] - street.parked_gap
         middle = street.near_kerb + 0.5 * street.strip_width
-        self._put(vehicle, (front - size.length / 2, middle, 0.0))
-        self._wear(vehicle, "paintwork", int(rng.integers(len(self._textures["paintwork"]))))
+        self.parked = []
+        for choices in self._parked:
+            chosen = int(rng.integers(len(choices)))
+            for body, _ in choices:
+                self._put(body, _OUT_OF_SIGHT)
+            body, model = choices[chosen]
+            place = (front - model.size.length / 2, middle)
+            self._put(body, (*place, 0.0))
+            self._wear(body, "paintwork", int(rng.integers(len(self._textures["paintwork"]))))
+            self.parked.append(ParkedVehicle(model.kind, model.size, place))
+            front -= model.size.length + _PARKING_GAP
+
+
+def _connect() -> int:
+    """Return a new physics client, which renders too."""
+    try:
+        client = int(pybullet.connect(pybullet.DIRECT))
+    except pybullet.error as error:
+        raise _no_client(str(error)) from error
+    if client < 0:
+        raise _no_client("it gave no reason")
+    return client
+
+
+def _no_client(reason: str) -> UsageError:
+    return UsageError(
+        f"pybullet's renderer does not start: {reason}",
+        name="pybullet",
+        suggestion="close streets that are no longer driven; a process may have some 1000 of them",
+    )
+
+
+def leg_swings(phases: Array, paces: Array) -> Array:
+    """Return by how much walkers' left legs are swung back, the right ones forward, in rad.
+
+    Args:
+        phases: float (N,), in rad; one stride of both legs is 2π.
+        paces: float (N,), speeds in m/s.
+    """
+    return np.minimum(0.3 * paces, 0.5) * np.sin(phases)
 
 
 def _pieces(start: float, end: float) -> list[tuple[float, float]]:

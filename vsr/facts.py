@@ -8,7 +8,7 @@ corner, so that a pixel reaches from its index to the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,9 +58,30 @@ def scene_facts(
     Source: paper, section "Obtain Predicates" and Table of predicates.
     """
     classes = class_map(probabilities)
+    atoms = _unrated_atoms(entities, classes, grounding, subject)
+    return add_facts(facts, entities, atoms, grounding)
+
+
+def add_facts(
+    facts: Facts,
+    entities: Iterable[Entity],
+    atoms: Iterable[UnratedAtom],
+    grounding: SegmentationGrounding,
+) -> Facts:
+    """Assert each entity's class with its confidence, and the atoms that have none of their own.
+
+    Args:
+        facts: are filled; their margin makes bounds of confidences.
+        entities: what is seen.
+        atoms: what is said of it.
+        grounding: has the bounds of the atoms.
+
+    Returns:
+        The same facts.
+    """
     for entity in entities:
         facts.add(entity.kind.name.capitalize(), entity.name, confidence=entity.confidence)
-    for predicate, *constants in _unrated_atoms(entities, classes, grounding, subject):
+    for predicate, *constants in atoms:
         facts.add(predicate, *constants, bound=grounding.bounds.get(predicate))
     return facts
 

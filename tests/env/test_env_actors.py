@@ -1,16 +1,21 @@
 """How ego and people move, without a camera."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from env.actors import (
     BESIDE_LANE,
+    RASH_REACTION,
     RUNNING_PACE,
     TRAFFIC,
     Corridor,
     Ego,
     EgoParameters,
     Pedestrians,
+    Walkers,
 )
 from env.world import StreetGeometry
 
@@ -126,7 +131,7 @@ def test_the_special_one_crosses_before_an_ego_that_gives_way():
     assert people.positions[0, 1] > STREET.far_kerb
 
 
-def test_nobody_enters_the_lane_unless_ego_can_stop():
+def test_nobody_but_the_special_one_enters_the_lane_unless_ego_can_stop():
     """Whoever comes within half a metre of ego's way leaves ego its stopping distance."""
     entries = 0
     for seed in range(8):
@@ -141,6 +146,7 @@ def test_nobody_enters_the_lane_unless_ego_can_stop():
             people.advance(DT)
             now = np.abs(people.positions[:, 1] - CORRIDOR.centre) <= line
             entered = now & ~beside & (gaps > -CAR.length)
+            entered[0] = False
             assert (gaps[entered] >= need).all()
             entries += np.count_nonzero(entered)
             beside = now
@@ -152,6 +158,67 @@ def test_the_stopping_distance_granted_is_one_that_ego_has():
         ego = driven(1.0, 0.2, Ego(speed=speed, force=CAR.drive))
         ego = driven(-1.0, 5.0, ego)
         assert ego.position < BESIDE_LANE.stopping_distance(speed)
+
+
+def braking_distance(speed):
+    """Return how far ego goes that drives on for a step and then brakes fully, in m."""
+    ego = driven(1.0, DT, Ego(speed=speed, force=CAR.drive))
+    return driven(-1.0, 5.0, ego).position
+
+
+def test_the_special_one_leaves_room_to_a_slow_ego_and_not_always_to_a_fast_one():
+    def least_room(speed):
+        return RASH_REACTION[0] * speed + BESIDE_LANE.margin
+
+    assert braking_distance(10 / 3.6) < least_room(10 / 3.6)
+    assert braking_distance(40 / 3.6) > least_room(40 / 3.6)
+
+
+def test_the_special_one_steps_before_ego_as_near_as_it_dares():
+    grants = []
+    for seed in range(30):
+        people, ego = crowd("low", "hidden", seed), Ego()
+        line = CAR.width / 2 + 0.3 + 0.5
+        while ego.position < STREET.goal:
+            people.decide(ego, DT)
+            before = abs(people.positions[0, 1] - CORRIDOR.centre)
+            gap, speed = people.positions[0, 0] - 0.3 - ego.position, ego.speed
+            ego = driven(1.0, DT, ego)
+            people.advance(DT)
+            if before > line >= abs(people.positions[0, 1] - CORRIDOR.centre) and gap > 0:
+                grants.append((gap - BESIDE_LANE.margin) / speed)
+    assert min(grants) >= RASH_REACTION[0]
+    assert max(grants) - min(grants) > 0.4
+    assert len(grants) > 10
+
+
+def test_where_nobody_is_special_and_nobody_crosses_everybody_stays_on_the_sidewalks():
+    calm = replace(TRAFFIC["high"], crossing=0.0, orderly=0)
+    people = Pedestrians(calm, None, np.random.default_rng(1), STREET, CORRIDOR)
+    for _ in walk(people, lambda t: Ego(position=5.0 * t, speed=5.0), 30.0):
+        assert STREET.on_sidewalk(people.positions[:, 1]).all()
+
+
+def test_walkers_walk_on_whatever_comes():
+    people = Walkers(np.array([[60.0, -8.0], [3.0, 4.0]]), np.array([[0.0, 1.4], [1.0, 0.0]]))
+    for _ in walk(people, lambda t: Ego(position=60.0), 3.0):
+        pass
+    assert people.positions == pytest.approx(np.array([[60.0, -3.8], [6.0, 4.0]]))
+    assert people.speeds == pytest.approx([1.4, 1.0])
+
+
+def test_a_shallow_copy_of_people_walks_its_own_way():
+    people = crowd()
+    other = copy.copy(people)
+    before = {name: np.copy(value) for name, value in vars(people).items() if is_array(value)}
+    for _ in walk(other, lambda t: Ego(position=4.0 * t, speed=4.0), 30.0):
+        pass
+    assert all(np.array_equal(before[n], vars(people)[n], equal_nan=True) for n in before)
+    assert not np.array_equal(people.positions, other.positions)
+
+
+def is_array(value):
+    return isinstance(value, np.ndarray)
 
 
 def test_nobody_walks_into_a_standing_car():

@@ -13,6 +13,17 @@ def test_every_stage_is_reported(monkeypatch):
     done = CliRunner().invoke(app, ["bench"])
     assert done.exit_code == 0, done.output
     figures = json.loads(done.stdout)
-    stages = {"camera", "segmenter", "entities_and_facts", "reward", "descriptor_ssi", "step"}
+    stages = {
+        "bare_frame",
+        "camera",
+        "segmenter",
+        "entities_and_facts",
+        "reward",
+        "descriptor_ssi",
+        "step",
+    }
     assert stages == {name.removesuffix("_ms") for name in figures if name.endswith("_ms")}
+    others = {"entities_in_view", "step_over_bare_frame", "worker_mb"}
+    others |= {f"truth_steps_per_second_{traffic}" for traffic in ("low", "high")}
+    assert others == {name for name in figures if not name.endswith("_ms")}
     assert all(value > 0 for value in figures.values())

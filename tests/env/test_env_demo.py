@@ -12,7 +12,7 @@ import sfol
 from env.cli import app
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS
-from env.evaluate import coverage, drive, most_dangerous
+from env.recording import coverage, drive, most_dangerous
 from sfol.logs import read_log
 
 

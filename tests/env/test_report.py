@@ -45,6 +45,7 @@ def step(index, rng, distance):
         distance=distance,
         ttc=distance / v if v else math.inf,
         frame=rng.integers(0, 256, (14, 14), np.uint8).repeat(16, axis=0).repeat(16, axis=1),
+        classes=rng.integers(0, 28, (14, 14), np.uint8).repeat(16, axis=0).repeat(16, axis=1),
         entities=(seen("pedestrian1", 1.0), seen(HOSTILE, 0.5)),
         facts=f"Vehicle(ego).\nPedestrian(pedestrian1): [0.{index + 10}, 0.9].",
         reward=sum(terms.values()),

@@ -1,11 +1,9 @@
-"""The command `aeb`: the bundled street from the command line."""
+"""`aeb demo`."""
 
 from __future__ import annotations
 
-import json
 import math
 import platform
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,27 +17,15 @@ from rich.table import Table
 
 import sfol
 from env.actors import Behaviour, Traffic
-from env.bench import measure
+from env.cli.app import app
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS
 from env.episode import Episode, Step
-from env.evaluate import coverage, drive, most_dangerous, signals_of, write_log
+from env.moment import moment_pictures
+from env.recording import coverage, drive, most_dangerous, signals_of, write_log
 from env.report import Focus, Provenance, write_report
 from env.world import Occlusion
-from sfol.cli import print_errors
-from sfol.errors import SfolError
 from sfol.facts import Facts
-
-app = typer.Typer(
-    help="""The bundled street: an occluded pedestrian crossing, driven and explained.
-
-    Rules come from a knowledge base: change rules/crossing.yaml, or name your own with `--rules`.
-    """,
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
 
 class DemoDrive(NamedTuple):
@@ -56,22 +42,9 @@ class DemoDrive(NamedTuple):
 DEMO = (
     DemoDrive("cautious", "low", "partial", "briefly_visible", 1),
     DemoDrive("cautious", "medium", "full", "hidden", 2),
-    DemoDrive("cautious", "high", "full", "hidden", 3),
-    DemoDrive("full_throttle", "high", "full", "hidden", 3),
+    DemoDrive("cautious", "high", "full", "hidden", 10),
+    DemoDrive("full_throttle", "high", "full", "hidden", 10),
 )
-
-
-def main() -> None:
-    """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    try:
-        app(prog_name="aeb")
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
-
-
-@app.callback()
-def _options() -> None: ...
 
 
 @app.command()
@@ -115,18 +88,12 @@ def demo(
         f"{platform.python_version()}, pybullet's TinyRenderer, the simulator's segmentation; "
         f"{steps} steps in {seconds:.0f} s"
     )
-    focus = Focus(which, index, explanation)
+    focus = Focus(which, index, explanation, moment_pictures(step, kb))
     write_report(path, episodes, groups, focus, Provenance(kb.name, kb.hash, made))
     log = output / "episodes.parquet"
     write_log(log, episodes, kb)
     console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
     console.print(f"Other rules on these steps: sfol diff {rules} FILE --log {log}", soft_wrap=True)
-
-
-@app.command()
-def bench() -> None:
-    """Measure the speed of every stage from camera to reward, in one run; prints JSON."""
-    print(json.dumps(measure(), indent=2))
 
 
 def _drive_all(
@@ -214,7 +181,3 @@ def _danger(episode: Episode, step: Step) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "–"
-
-
-if __name__ == "__main__":
-    main()

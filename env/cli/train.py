@@ -1,0 +1,73 @@
+"""`aeb train`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from env.cli.app import app
+from env.setup import load_setup, setup_names
+
+
+@app.command()
+def train(
+    setup: Annotated[
+        str, typer.Option(help=f"A YAML file, or one of {', '.join(setup_names())}.")
+    ] = "add",
+    output: Annotated[
+        Path | None, typer.Option(help="Folder of the training. [default: runs/train/<setup>]")
+    ] = None,
+) -> None:
+    """Train a policy with PPO, or go on with a training that was stopped.
+
+    A setup says what is trained: rules, observation, streets, hyperparameters. The folder holds
+    checkpoints, evaluations on streets that training never sees, tensorboard's files, and at the
+    end the policy, which `aeb evaluate --driver` takes. The same command goes on from the last
+    checkpoint.
+
+    Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
+    """
+    from env.training import train as run  # noqa: PLC0415  (slow to import, and few need it)
+
+    chosen = load_setup(setup)
+    folder = output or Path("runs/train") / chosen.name
+    console = Console(highlight=False)
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("steps"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bars:
+        task = bars.add_task(chosen.name, total=chosen.steps)
+        trained = run(
+            chosen,
+            folder,
+            progress=lambda steps, stage: bars.update(task, completed=steps, description=stage),
+        )
+    console.print(_table(trained.evaluations))
+    console.print(f"The policy: {trained.policy}", soft_wrap=True)
+
+
+def _table(evaluations: tuple[dict[str, float], ...]) -> Table:
+    table = Table(title="Evaluations during training", title_justify="left")
+    for name in ("steps", "success", "collision", "timeout", "return", "length"):
+        table.add_column(name, justify="right")
+    for row in evaluations:
+        shares = (f"{row[name]:.0%}" for name in ("success", "collision", "timeout"))
+        table.add_row(f"{row['steps']:,}", *shares, f"{row['return']:.1f}", f"{row['length']:.0f}")
+    return table

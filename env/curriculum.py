@@ -1,0 +1,68 @@
+"""Streets of several cells behind one environment: each episode is driven in one of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from env.actors import Traffic
+from env.crossing import OccludedCrossing
+from env.world import Occlusion
+
+Cell = tuple[Traffic, Occlusion]
+
+
+class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
+    """Draws a cell for every episode. A cell's street is built when it is drawn first, and kept.
+
+    Args:
+        cells: traffic and occlusion to draw from, each as likely; `use` changes them.
+        options: arguments of `OccludedCrossing` that all of them share.
+    """
+
+    metadata = OccludedCrossing.metadata
+
+    def __init__(self, cells: tuple[Cell, ...], **options: Any) -> None:
+        self._options = options
+        self._streets: dict[Cell, OccludedCrossing] = {}
+        self._cells = cells
+        self._street = self._street_of(cells[0])
+        self.observation_space = self._street.observation_space
+        self.action_space = self._street.action_space
+
+    def use(self, cells: tuple[Cell, ...]) -> None:
+        """Draw from these cells from the next episode on."""
+        self._cells = cells
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in one of the cells; see `gymnasium.Env.reset`."""
+        super().reset(seed=seed)
+        cell = self._cells[int(self.np_random.integers(len(self._cells)))]
+        self._street = self._street_of(cell)
+        episode_seed = int(self.np_random.integers(2**31))
+        observation, info = self._street.reset(seed=episode_seed, options=options)
+        return observation, {**info, "traffic": cell[0], "occlusion": cell[1]}
+
+    def step(
+        self, action: npt.NDArray[np.float32]
+    ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Drive on; see `OccludedCrossing.step`."""
+        return self._street.step(action)
+
+    def close(self) -> None:
+        """Free all streets."""
+        for street in self._streets.values():
+            street.close()
+
+    def _street_of(self, cell: Cell) -> OccludedCrossing:
+        if cell not in self._streets:
+            traffic, occlusion = cell
+            self._streets[cell] = OccludedCrossing(
+                traffic=traffic, occlusion=occlusion, **self._options
+            )
+        return self._streets[cell]

@@ -1,0 +1,61 @@
+"""Work shared out to processes, with the results in the order of the jobs."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import TypeVar
+
+from sfol.errors import SfolError
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[Result]:
+    """Yield what comes of every job, in the order of the jobs.
+
+    Args:
+        work: does a job; a function of a module, so that another process finds it.
+        jobs: what is to be done.
+        workers: how many processes; 1 is this one.
+
+    Raises:
+        SfolError: a process was killed.
+    """
+    if workers == 1:
+        yield from map(work, jobs)
+        return
+    # What a forked process inherits of pybullet and torch can hang.
+    pool = ProcessPoolExecutor(
+        min(workers, len(jobs)) or 1, mp_context=get_context("spawn"), initializer=_settle
+    )
+    try:
+        yield from pool.map(work, jobs)
+    except BrokenProcessPool:
+        raise SfolError(
+            "a worker process was killed, most likely because memory ran out",
+            suggestion="fewer --workers; what is finished is kept, so the same command goes on",
+        ) from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _settle() -> None:
+    """Make a process a quiet worker of one thread; the parent alone hears the keyboard."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OMP_NUM_THREADS"] = "1"  # read by torch when it is imported
+    stderr = os.dup(2)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # pybullet announces itself when it is imported
+    import pybullet  # noqa: F401, PLC0415
+
+    os.dup2(stderr, 2)

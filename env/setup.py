@@ -1,0 +1,136 @@
+"""Setups: what is trained, on which streets, as data that people edit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from env.actors import Traffic
+from env.world import Occlusion
+from sfol.errors import Place, UsageError, did_you_mean
+from vsr.fusion import Method
+
+_FOLDER = Path(__file__).resolve().parents[1] / "setups"
+
+Positive = Annotated[int, Field(gt=0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Stage(_Section):
+    """A part of the training, with the cells that its episodes are drawn from."""
+
+    steps: Positive = Field(description="steps of all streets together")
+    traffic: tuple[Traffic, ...] = Field(min_length=1, description="levels to draw from")
+    occlusion: tuple[Occlusion, ...] = Field(("partial", "full"), min_length=1)
+
+    @property
+    def cells(self) -> tuple[tuple[Traffic, Occlusion], ...]:
+        """Every combination of its traffic and occlusion."""
+        return tuple((traffic, hidden) for traffic in self.traffic for hidden in self.occlusion)
+
+
+class Learning(_Section):
+    """Hyperparameters of PPO, by the names of stable-baselines3."""
+
+    learning_rate: float = Field(3e-4, gt=0)
+    n_steps: Positive = Field(512, description="of each street, for one update")
+    batch_size: Positive = 128
+    n_epochs: Positive = 10
+    gamma: float = Field(0.99, gt=0, le=1)
+    gae_lambda: float = Field(0.95, ge=0, le=1)
+    clip_range: float = Field(0.2, gt=0)
+    ent_coef: float = Field(0.0, ge=0)
+    log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
+    layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
+
+
+class Setup(_Section):
+    """A training: its street, its reward, its observation and its hyperparameters."""
+
+    version: Literal[1]
+    name: str = Field(pattern=r"^[a-z0-9_]+$")
+    description: str = ""
+    rules: tuple[str, ...] = Field(
+        ("crossing",), min_length=1, description="knowledge bases, applied left to right"
+    )
+    observation: Literal["vsr", "state"] = "vsr"
+    perception: Literal["simulator", "unet", "truth"] = "simulator"
+    fusion: Method = Field("add", description="of SSI and SF, for the observation vsr")
+    stages: tuple[Stage, ...] = Field(min_length=1)
+    streets: Positive = Field(2, description="that are driven at once, each in its own process")
+    seed: int = Field(0, ge=0)
+    checkpoint_steps: Positive = Field(10_000, description="between two checkpoints")
+    evaluation_steps: Positive = Field(20_000, description="between two evaluations")
+    evaluation_episodes: Positive = Field(20, description="of an evaluation, over all cells")
+    learning: Learning = Learning()
+
+    @property
+    def steps(self) -> int:
+        """Steps of the whole training."""
+        return sum(stage.steps for stage in self.stages)
+
+    def stage_at(self, step: int) -> Stage:
+        """Return the stage that a step belongs to; after the end, the last one."""
+        end = 0
+        for stage in self.stages:
+            end += stage.steps
+            if step < end:
+                return stage
+        return self.stages[-1]
+
+
+def setup_names() -> tuple[str, ...]:
+    """Return the names of the bundled setups."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
+
+
+def load_setup(source: str | Path) -> Setup:
+    """Read a setup.
+
+    Args:
+        source: the path of a file, or the name of a bundled setup.
+
+    Raises:
+        UsageError: there is no such setup, or it is not valid.
+    """
+    path = Path(source)
+    if path.suffix not in {".yaml", ".yml"}:
+        path = _FOLDER / f"{source}.yaml"
+    if not path.is_file():
+        raise UsageError(
+            f"there is no setup '{source}'",
+            name=str(source),
+            suggestion=did_you_mean(str(source), setup_names())
+            or f"one of {', '.join(setup_names())}, or the path of a YAML file",
+        )
+    try:
+        return Setup.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise UsageError(
+            f"{error.problem or 'this is no YAML'}", place=Place(str(path), line, column)
+        ) from None
+    except (ValidationError, UnicodeDecodeError) as error:
+        raise _invalid(path, error) from None
+
+
+def _invalid(path: Path, error: ValidationError | UnicodeDecodeError) -> UsageError:
+    if isinstance(error, UnicodeDecodeError):
+        return UsageError(f"'{path}' is no text", name=str(path))
+    first = error.errors()[0]
+    key = ".".join(map(str, first["loc"])) or "the file"
+    last = str(first["loc"][-1]) if first["loc"] else ""
+    return UsageError(
+        f"{path}: {key}: {first['msg']}",
+        name=key,
+        suggestion=did_you_mean(last, [*Setup.model_fields, *Learning.model_fields])
+        if first["type"] == "extra_forbidden"
+        else None,
+    )

@@ -1,0 +1,131 @@
+"""Setups and training: what is refused, and that a training which was stopped goes on."""
+
+import json
+import logging
+
+import pytest
+from typer.testing import CliRunner
+
+from env.cli import app
+from env.setup import Setup, load_setup, setup_names
+from env.training import train
+from sfol import KnowledgeBase
+from sfol.errors import UsageError
+
+SMALL = """
+version: 1
+name: small
+observation: state
+perception: truth
+stages: [{steps: 64, traffic: [low], occlusion: [partial]}]
+streets: 1
+checkpoint_steps: 16
+evaluation_steps: 1000
+evaluation_episodes: 1
+learning: {n_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
+"""
+
+
+@pytest.fixture
+def setup_file(tmp_path):
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    return path
+
+
+def steps_of(path):
+    return int(path.stem.split("-")[1])
+
+
+def test_the_papers_eight_setups_and_the_fast_one_are_there():
+    assert set(setup_names()) == {
+        *("add", "multiply", "ssi", "sf", "ce_ps", "pe_cs", "pe_ps", "risk_factors"),
+        "state",
+    }
+
+
+@pytest.mark.parametrize("name", setup_names())
+def test_bundled_setups_are_valid_and_on_this_street(name):
+    setup = load_setup(name)
+    assert setup.name == name
+    assert setup.description
+    grounding = KnowledgeBase.load(*setup.rules).grounding.model_dump()["segmentation"]
+    assert grounding["approaching"] == [15.0, 45.0]
+
+
+def test_stages_follow_one_another():
+    stages = [{"steps": 10, "traffic": ["low"]}, {"steps": 20, "traffic": ["medium", "high"]}]
+    setup = Setup.model_validate({"version": 1, "name": "s", "stages": stages})
+    assert setup.steps == 30
+    assert [setup.stage_at(step).traffic[0] for step in (0, 9, 10, 29, 99)] == [
+        *("low", "low", "medium", "medium", "medium")
+    ]
+    assert setup.stages[1].cells == (
+        *(("medium", "partial"), ("medium", "full")),
+        *(("high", "partial"), ("high", "full")),
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("observation", "observaton", "observaton.*did you mean 'observation'"),
+        ("state", "stat", "observation: Input should be"),
+        ("[low]", "[slow]", "traffic"),
+        ("steps: 64", "steps: 0", "greater than 0"),
+        ("version: 1", "version: [", "small.yaml:"),
+    ],
+)
+def test_mistakes_in_a_setup_are_named(setup_file, old, new, message):
+    setup_file.write_text(SMALL.replace(old, new, 1))
+    done = CliRunner().invoke(app, ["train", "--setup", str(setup_file)])
+    with pytest.raises(UsageError, match=message) as error:
+        load_setup(setup_file)
+    assert isinstance(done.exception, UsageError)
+    assert str(error.value) == str(done.exception)
+
+
+def test_an_unknown_setup_has_a_suggestion():
+    with pytest.raises(UsageError, match="did you mean 'multiply'"):
+        load_setup("multipy")
+
+
+def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
+    folder = tmp_path / "run"
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(steps, stage):
+        if steps == 40:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        train(load_setup(setup_file), folder, progress=stop)
+    checkpoints = sorted(folder.glob("checkpoint-*.zip"))
+    assert [steps_of(path) for path in checkpoints] == [16, 32]
+    checkpoints[-1].write_bytes(b"half a checkpoint")
+
+    seen = []
+    with caplog.at_level(logging.WARNING):
+        trained = train(
+            load_setup(setup_file), folder, progress=lambda steps, stage: seen.append(steps)
+        )
+    assert checkpoints[-1].name in caplog.text
+    assert "skipped" in caplog.text
+    assert seen == list(range(17, 65))
+    assert trained.steps == 64
+    assert trained.policy.is_file()
+    assert not list(folder.glob("*.part*"))
+
+    again = train(load_setup(setup_file), folder)  # there is nothing left to do
+    assert again.steps == 64
+
+
+def test_a_folder_belongs_to_one_setup(setup_file, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    other = json.loads(load_setup(setup_file).model_dump_json()) | {"seed": 7}
+    (folder / "setup.json").write_text(json.dumps(other))
+    with pytest.raises(UsageError, match="another setup"):
+        train(load_setup(setup_file), folder)

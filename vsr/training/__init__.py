@@ -1,0 +1,1 @@
+"""Trains the segmenter and the autoencoder, on frames of any source."""
