@@ -32,7 +32,6 @@ from env.pipeline import Scene
 from vsr.facts import Pinhole
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
-USEFUL_RANGE = 20.0  # m before the bumper
 # Where one perception misses thin shins, its distance is three rows of pixels off. So a claim about
 # an entity within reach counts as shared if the other makes it of one within reach and this, in m.
 SLACK = 5.0
@@ -46,6 +45,10 @@ def stopping_distance(car: EgoParameters) -> float:
     while ego.speed > 0.0:
         ego = ego.after(-1.0, 0.01)
     return ego.position
+
+
+# As far before the bumper as the camera's picture has to be right, in m.
+USEFUL_RANGE = stopping_distance(EgoParameters()) + MARGIN
 
 
 @dataclass(frozen=True)

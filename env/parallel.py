@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import TypeVar
 
 from sfol.errors import SfolError
@@ -53,9 +54,18 @@ def cores() -> int:
 def _settle() -> None:
     """Make a process a quiet worker of one thread; the parent alone hears the keyboard."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["OMP_NUM_THREADS"] = "1"  # read by torch when it is imported
     stderr = os.dup(2)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # pybullet announces itself when it is imported
     import pybullet  # noqa: F401, PLC0415
 
     os.dup2(stderr, 2)
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone; it would wait for jobs for ever."""
+    parent = parent_process()
+    assert parent is not None  # a worker has one
+    parent.join()
+    os._exit(1)

@@ -305,11 +305,19 @@ class TruthPerception:
                 if depth < upright.depth:
                     bottoms[column] = min(bottoms[column], int(edge))
         rows = {column: bottom - top for column, bottom in bottoms.items() if bottom > top}
-        solid = sum(rows[column] for column in rows if first <= column < last)
-        area = solid + _LIMBS * (sum(rows.values()) - solid)
-        if area < self._grounding.minimum_area:
+        areas = {
+            column: count * (1.0 if first <= column < last else _LIMBS)
+            for column, count in rows.items()
+        }
+        if sum(areas.values()) < self._grounding.minimum_area:
             return None
-        box = Box(top, min(rows), top + max(rows.values()), max(rows) + 1)
+        lowest = max(rows.values())
+        # An arm or two beside a body whose feet are hidden don't show where it stands.
+        shown = sum(areas[column] for column, count in rows.items() if count == lowest)
+        body = [rows[column] for column in rows if first <= column < last]
+        if body and shown < self._grounding.minimum_area:
+            lowest = max(body)
+        box = Box(top, min(rows), top + lowest, max(rows) + 1)
         return _Cluster(box, upright.body, upright.reach)
 
     def _vehicles(self, hulls: Sequence[_Hull], uprights: Sequence[_Upright]) -> Iterator[_Vehicle]:

@@ -27,7 +27,6 @@ from scipy.optimize import linear_sum_assignment
 
 from sfol.errors import MissingExtraError, SfolError, UsageError
 from sfol.writing import replacing
-from vsr.attention import SIZE as FEATURE_SIZE
 from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.codebook import GRID, VERSION, Codebook
 from vsr.decoding import (
@@ -39,7 +38,7 @@ from vsr.decoding import (
     block_likeness,
     template_count,
 )
-from vsr.descriptor import Layout, SceneDescriptor, cell_shares
+from vsr.descriptor import Layout, SceneDescriptor, attention_layers, cell_shares
 from vsr.entities import Box, Direction, Entity
 
 if TYPE_CHECKING:
@@ -131,7 +130,7 @@ def draw_scene(rng: np.random.Generator, count: int) -> tuple[list[Entity], Layo
         kinds=np.array([DESCRIPTOR_CLASSES.index(entity.kind) for entity in entities]),
         neighbours=neighbours.reshape(count, len(DESCRIPTOR_CLASSES), len(Direction)),
         coverage=cell_shares(entities, (SIDE, SIDE), GRID),
-        attention=cell_shares(entities, (SIDE, SIDE), FEATURE_SIZE),
+        attention=attention_layers(entities, (SIDE, SIDE)),
     )
     return entities, layout
 

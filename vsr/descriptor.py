@@ -33,7 +33,7 @@ class Layout:
         kinds: int64 (k,), each entity's class, as an index of `DESCRIPTOR_CLASSES`.
         neighbours: bool (k, 6, 3), which class is found in which `Direction`.
         coverage: float32 (k, 16, 16), ρ, the share of each grid cell that the entity covers.
-        attention: float32 (k, 7, 7), the same for the cells of the encoder's feature map.
+        attention: float32 (k, 7, 7), `attention_layers`, for the encoder's feature map.
     """
 
     names: tuple[str, ...]
@@ -120,7 +120,7 @@ class SceneDescriptor:
             kinds=np.array(kinds, np.int64),
             neighbours=neighbours,
             coverage=cell_shares(moving, classes.shape, GRID),
-            attention=cell_shares(moving, classes.shape, attention.SIZE),
+            attention=attention_layers(moving, classes.shape),
         )
 
     def encode(self, *layouts: Layout) -> Tensor:
@@ -280,13 +280,51 @@ def cell_shares(
     Returns:
         float32 (k, n, n), 0 to 1.
     """
-    shares = np.empty((len(entities), cells, cells), np.float32)
-    row_cells, column_cells = (_membership(size, cells) for size in shape)
-    for share, entity in zip(shares, entities, strict=True):
-        rows, columns = entity.box.area
+    rows, columns = (_membership(size, cells) for size in shape)
+    return _projected(entities, rows, columns)
+
+
+def attention_layers(entities: Sequence[Entity], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return how much of each entity each cell of the encoder's feature map sees.
+
+    A pixel counts for the four cells around it, by bilinear interpolation: the features attended
+    to are those of the map interpolated to the picture's size. With shares of cells instead, all
+    that lies in one cell of 32 px would have the same features.
+
+    Args:
+        entities: k entities.
+        shape: (H, W) of the picture, in px.
+
+    Returns:
+        float32 (k, 7, 7), an entity's sum being its area in cells.
+    """
+    rows, columns = (_interpolation(size, attention.SIZE) for size in shape)
+    return _projected(entities, rows, columns)
+
+
+def _projected(
+    entities: Sequence[Entity], rows: NDArray[np.float32], columns: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return rows · mask · columnsᵀ of each entity, for (n, H) and (n, W): float32 (k, n, n)."""
+    grids = np.empty((len(entities), len(rows), len(columns)), np.float32)
+    for grid, entity in zip(grids, entities, strict=True):
+        down, across = entity.box.area
         mask = entity.mask.astype(np.float32)
-        np.matmul(row_cells[:, rows] @ mask, column_cells[:, columns].T, out=share)
-    return shares
+        np.matmul(rows[:, down] @ mask, columns[:, across].T, out=grid)
+    return grids
+
+
+@lru_cache(maxsize=16)
+def _interpolation(size: int, cells: int) -> NDArray[np.float32]:
+    """Return linear interpolation between the middles of n cells, float32 (n, size).
+
+    Entries are the weights of the cells for each px, over a cell's width.
+    """
+    width = size / cells
+    places = np.clip((np.arange(size) + 0.5) / width - 0.5, 0.0, cells - 1.0)
+    weights = np.maximum(1.0 - np.abs(np.arange(cells)[:, None] - places), 0.0) / width
+    interpolation: NDArray[np.float32] = weights.astype(np.float32)
+    return interpolation
 
 
 @lru_cache(maxsize=16)

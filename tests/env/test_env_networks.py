@@ -34,7 +34,7 @@ def test_the_shipped_segmenter_knows_the_street(street_of, held_out):
 
 def test_the_shipped_encoder_tells_frames_apart(street_of, held_out):
     features = load_autoencoder(camera=street_of("high", "full").pipeline.grounding.camera)
-    maps = features.encode(held_out[:2])
+    maps = features.encode([held_out[0], held_out[-1]])
     assert maps.shape == (2, 512, 7, 7)
     assert (maps[0] - maps[1]).abs().mean() > 0.1 * maps.abs().mean()
 

@@ -2,11 +2,16 @@
 
 import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from env.parallel import cores, in_order
 from sfol.errors import SfolError, UsageError
+
+ROOT = Path(__file__).parents[2]
 
 
 def work(job):
@@ -33,6 +38,34 @@ def test_a_mistake_arrives_as_it_is():
     with pytest.raises(UsageError, match="can't be done") as caught:
         list(in_order(work, [1, "mistake", 2], workers=2))
     assert caught.value.suggestion == "do something else"
+
+
+PARENT = """
+import os, signal
+from env.parallel import in_order
+from tests.env.test_env_parallel import work
+
+if __name__ == "__main__":
+    results = in_order(work, range(1000), workers=2)
+    print(next(results), flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_workers_end_with_their_parent(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    # Workers hold the pipe of standard output as well: this returns when the last of them is gone.
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (-signal.SIGKILL, "0\n")
 
 
 def test_who_stops_early_stops_the_work():

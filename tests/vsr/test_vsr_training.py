@@ -19,6 +19,7 @@ from vsr.training.frames import CARD, FrameSet, load_frames, write_shard
 from vsr.training.loop import Schedule, Training
 from vsr.training.segmenter import (
     SegmenterTask,
+    band,
     confusion,
     intersection_over_union,
     segmentation_loss,
@@ -234,6 +235,19 @@ def test_most_windows_are_where_people_are():
     assert cut_gray.max() == 223
 
 
+def test_a_band_holds_the_horizon_and_every_row_is_in_some():
+    rows = torch.arange(224, dtype=torch.uint8)[:, None].expand(2, 224, 4)
+    rng = torch.Generator().manual_seed(0)
+    tops = set()
+    for _ in range(500):
+        gray, classes = band(rows, rows, rng)
+        assert gray.shape == (2, 128, 4)
+        assert torch.equal(gray, classes)
+        assert {111, 112} <= set(gray.flatten().tolist())
+        tops.add(int(gray.min()))
+    assert {0, 96} <= tops
+
+
 def test_iou_is_that_of_the_textbook():
     truth = torch.tensor([[[1, 1, 1, 12]]])
     found = torch.tensor([[[1, 1, 12, 12]]])
@@ -347,6 +361,7 @@ def test_the_command_line_trains_ships_and_judges(network, tmp_path):
     weights_folder, figures = tmp_path / "weights", tmp_path / "figures.json"
     options = ["--data", tmp_path / "data", "--output", weights_folder, "--epochs", 1]
     options += ["--batch", 2, "--checkpoints", tmp_path / "checkpoints"]
+    options += ["--focus"] if network == "segmenter" else []
     trained = run(network, *options)
     assert trained.exit_code == 0, trained.output
     file = weights_folder / f"{network}.safetensors"

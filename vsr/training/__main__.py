@@ -87,6 +87,9 @@ def segmenter(  # noqa: PLR0913 (each is an option)
     output: Output = Path("env/weights"),
     checkpoints: Checkpoints = None,
     start: Start = None,
+    focus: Annotated[
+        bool, typer.Option(help="Look at people most of the time: a second stage.")
+    ] = False,
     epochs: Epochs = 3,
     minutes: Minutes = None,
     batch: Batch = 8,
@@ -105,7 +108,7 @@ def segmenter(  # noqa: PLR0913 (each is an option)
     train, validation = _split(data)
     schedule = Schedule(epochs, minutes, batch, learning_rate, patience=patience, seed=seed)
     network = unet.load_unet(start) if start else unet.build_unet()
-    task = SegmenterTask(network, train, validation)
+    task = SegmenterTask(network, train, validation, focus=focus)
     description = _description("segmenter", unet.ARCHITECTURE, (train, validation), start)
     _train(task, schedule, checkpoints, output, description)
 

@@ -20,14 +20,15 @@ _AT_PEOPLE = 0.75  # of the windows
 class SegmenterTask:
     """Pixel classification by cross-entropy and soft Dice.
 
-    For most of the training a batch sees windows of 128×128 px, three quarters of them where there
-    are people: of whole frames, people are one pixel in a hundred. Whole frames come last.
+    For most of the training a batch sees a part of the frames, which costs less: a `band` of rows,
+    or, to learn people better, `windows`. Whole frames come last.
 
     Args:
         network: (B, 1, H, W) to (B, 28, H, W) logits.
         train: frames to learn from.
         validation: frames of other streets.
         device: where to compute.
+        focus: whether parts are windows, most of them where there are people.
     """
 
     def __init__(
@@ -36,7 +37,10 @@ class SegmenterTask:
         train: FrameSet,
         validation: FrameSet,
         device: torch.device | None = None,
+        *,
+        focus: bool = False,
     ) -> None:
+        self._part = windows if focus else band
         self._device = device or default_device()
         self._dtype = arithmetic("auto", self._device)
         self.network = network.to(self._device).to(memory_format=torch.channels_last)
@@ -48,7 +52,7 @@ class SegmenterTask:
         """Return cross-entropy plus soft Dice of a batch."""
         gray, classes = (part[indices] for part in self._train)
         if progress < _WHOLE_FRAMES_FROM:
-            gray, classes = windows(gray, classes, rng)
+            gray, classes = self._part(gray, classes, rng)
         inputs = relight(to_input(gray), rng).to(self._device, memory_format=torch.channels_last)
         targets = classes.to(self._device, torch.int64)
         with self._autocast():
@@ -110,8 +114,24 @@ def intersection_over_union(counts: Tensor) -> Tensor:
     return both / (counts.sum(dim=0) + counts.sum(dim=1) - both)
 
 
+def band(gray: Tensor, classes: Tensor, rng: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Return 128 rows of the frames, the same of all.
+
+    Wherever they begin, they hold the rows around the horizon, in which all that is far away lies.
+
+    Args:
+        gray: uint8 (B, H, W).
+        classes: uint8 (B, H, W).
+        rng: decides which rows.
+    """
+    top = _below(max(gray.shape[1] - _WINDOW, 0) + 1, rng)
+    return gray[:, top : top + _WINDOW], classes[:, top : top + _WINDOW]
+
+
 def windows(gray: Tensor, classes: Tensor, rng: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Return a window of each frame, most of them around a pixel of a pedestrian.
+    """Return a window of each frame, three in four around a pixel of a pedestrian.
+
+    Of whole frames, people are one pixel in a hundred.
 
     Args:
         gray: uint8 (B, H, W).
