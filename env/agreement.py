@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 import typer
-from PIL import Image
+from PIL import Image, ImageDraw
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import track
@@ -35,6 +35,8 @@ MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping dist
 # Where one perception misses thin shins, its distance is three rows of pixels off. So a claim about
 # an entity within reach counts as shared if the other makes it of one within reach and this, in m.
 SLACK = 5.0
+
+_ZOOM = 4  # of saved frames
 
 Claim = tuple[str, ...]  # a predicate alone, or with the classes of which it holds
 
@@ -85,12 +87,14 @@ class Sight:
     Attributes:
         name: which episode and step.
         gray: uint8 (H, W), the frame.
+        scenes: what the simulator's perception made of it, and what the truth did.
         simulator: what the simulator's perception claims within reach, and hardly farther.
         truth: what the truth claims, likewise.
     """
 
     name: str
     gray: npt.NDArray[np.uint8]
+    scenes: tuple[Scene, Scene]
     simulator: tuple[frozenset[Claim], frozenset[Claim]]
     truth: tuple[frozenset[Claim], frozenset[Claim]]
 
@@ -149,7 +153,7 @@ def _sight(street: OccludedCrossing, name: str, reach: float) -> Sight:
         for scene in (shown, street.scene)
     )
     name = f"{street.traffic}-{street.occlusion}-{name}"
-    return Sight(name, street.frame.gray, simulator, truth)
+    return Sight(name, street.frame.gray, (shown, street.scene), simulator, truth)
 
 
 def claims(scene: Scene, street: OccludedCrossing, reach: float) -> frozenset[Claim]:
@@ -202,8 +206,9 @@ def main(
     driven = sights(episodes, reach, first_seed=seed, every=every)
     all_sights = list(track(driven, "driving …", console=console, total=None))
     console.print(_table(compare(all_sights), len(all_sights)))
+    way = stopping_distance(EgoParameters())
     console.print(
-        f"Stopping distance at the speed limit: {stopping_distance(EgoParameters()):.1f} m"
+        f"Entities up to {reach:.1f} m before the bumper; the way to a stand is {way:.1f} m."
     )
     if frames is not None:
         for path in _save_differences(all_sights, frames):
@@ -229,7 +234,7 @@ def _table(found: Mapping[Claim, Agreement], frames: int) -> Table:
 
 
 def _save_differences(frames: Sequence[Sight], folder: Path) -> Iterator[Path]:
-    """Save the first frame of every kind of difference; its name says what it shows."""
+    """Save the first frame of every kind of difference; the file's name says which it is."""
     folder.mkdir(parents=True, exist_ok=True)
     known: set[tuple[str, Claim]] = set()
     for frame in frames:
@@ -237,8 +242,21 @@ def _save_differences(frames: Sequence[Sight], folder: Path) -> Iterator[Path]:
             if (who, claim) not in known:
                 known.add((who, claim))
                 path = folder / f"{'-'.join(claim)}-{who}-only-{frame.name}.png"
-                Image.fromarray(frame.gray).resize((672, 672)).save(path)
+                _picture(frame).save(path)
                 yield path
+
+
+def _picture(frame: Sight) -> Image.Image:
+    """Return the frame with the simulator's entities in red and the truth's in cyan."""
+    height, width = frame.gray.shape
+    size = (_ZOOM * width, _ZOOM * height)
+    picture = Image.fromarray(frame.gray).convert("RGB").resize(size, Image.Resampling.NEAREST)
+    draw = ImageDraw.Draw(picture)
+    for scene, colour in zip(frame.scenes, ("red", "cyan"), strict=True):
+        for entity in scene.entities:
+            top, left, bottom, right = (_ZOOM * edge for edge in entity.box)
+            draw.rectangle((left, top, right, bottom), outline=colour)
+    return picture
 
 
 def _share(part: int, whole: int) -> float:

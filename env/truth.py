@@ -112,11 +112,11 @@ class _Person(NamedTuple):
 
     Attributes:
         entity: its mask fills its box.
-        columns: those that it would reach if nothing hid it.
+        columns: the first that it would reach if nothing hid it, and the one after the last.
     """
 
     entity: Entity
-    columns: slice
+    columns: tuple[int, int]
 
 
 class _Vehicle(NamedTuple):
@@ -173,7 +173,9 @@ class TruthPerception:
         """
         lens = front - self._lens.setback
         uprights = self._uprights(lens, people)
-        hulls = [self._hull(lens, vehicle) for vehicle in self._world.parked]
+        hulls = [
+            self._hull(lens, vehicle) for vehicle in self._world.parked if _front(vehicle) > lens
+        ]
         persons = self._persons(uprights, hulls)
         vehicles = list(self._vehicles(hulls, uprights))
         crosswalks = list(self._crosswalks(lens))
@@ -289,7 +291,7 @@ class TruthPerception:
                     _add(cluster, clusters)
             hidden[first:last] = b"\1" * (last - first)
         return [
-            _Person(_entity(SemanticClass.PEDESTRIAN, number, cluster.box), slice(*cluster.reach))
+            _Person(_entity(SemanticClass.PEDESTRIAN, number, cluster.box), cluster.reach)
             for number, cluster in enumerate(clusters, start=1)
         ]
 
@@ -430,10 +432,11 @@ class TruthPerception:
         """Yield Occludes(vehicle, pedestrian) where a closer vehicle is in some of its columns."""
         for vehicle, person in product(vehicles, persons):
             top, left, bottom, right = person.entity.box
-            if vehicle.entity.bottom <= bottom:
+            other, (first, last) = vehicle.entity.box, person.columns
+            if other.bottom <= bottom or first >= other.right or last <= other.left:
                 continue
             around = Box(top, left, bottom + 1, right)
-            if vehicle.rows(person.columns, around) >= self._grounding.minimum_pixels:
+            if vehicle.rows(slice(first, last), around) >= self._grounding.minimum_pixels:
                 yield "Occludes", vehicle.entity.name, person.entity.name
 
     def _hidden_crosswalks(
@@ -467,6 +470,10 @@ def _add(cluster: _Cluster, clusters: list[_Cluster]) -> None:
             nearer.merge(cluster)
             return
     clusters.append(cluster)
+
+
+def _front(vehicle: ParkedVehicle) -> float:
+    return vehicle.place[0] + vehicle.size.length / 2
 
 
 def _blocks(vehicle: ParkedVehicle) -> list[tuple[float, float, float, float]]:

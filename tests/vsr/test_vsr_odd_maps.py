@@ -47,7 +47,10 @@ def test_one_pixel(descriptor, row, column):
     facts, layout, vsr = describe(descriptor, painting)
     assert "Pedestrian(pedestrian1)" in atoms(facts, "Pedestrian")
     assert layout.coverage[0, row // 14, column // 14] == pytest.approx(1 / 196)
-    assert np.count_nonzero(layout.coverage) == np.count_nonzero(layout.attention) == 1
+    assert np.count_nonzero(layout.coverage) == 1
+    # interpolated between the cells around it, a pixel is still as large as it is
+    assert 1 <= np.count_nonzero(layout.attention) <= 4
+    assert layout.attention.sum() == pytest.approx(1 / 32**2)
     assert vsr.square().mean().item() == pytest.approx(1.0, rel=1e-4)
 
 
