@@ -7,24 +7,12 @@ Example:
 """
 
 from contextlib import suppress
-from itertools import product
-from typing import TypedDict
+from typing import Any
 
+from env import cells
 
-class Cell(TypedDict):
-    """Arguments of a street that make it one of the study's cells."""
-
-    traffic: str
-    occlusion: str
-
-
-CELLS: dict[str, Cell] = {
-    f"OccludedCrossing-{traffic.capitalize()}-{occlusion.capitalize()}-v0": {
-        "traffic": traffic,
-        "occlusion": occlusion,
-    }
-    for traffic, occlusion in product(("low", "medium", "high"), ("partial", "full"))
-}
+# The cells' ids, with the arguments that make a street one of them.
+CELLS: dict[str, dict[str, Any]] = {cell.id: cell._asdict() for cell in cells.CELLS}
 IDS = ("OccludedCrossing-v0", *CELLS)
 
 with suppress(ModuleNotFoundError):  # without Gymnasium nobody can ask for an environment by its id
@@ -34,5 +22,5 @@ with suppress(ModuleNotFoundError):  # without Gymnasium nobody can ask for an e
         register(
             id=name,
             entry_point="env.crossing:OccludedCrossing",
-            kwargs=dict(CELLS[name]) if name in CELLS else {},
+            kwargs=CELLS.get(name, {}),
         )

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
+from env.cells import Traffic
 from env.metrics import time_to_collision
 from env.world import PERSON_RADIUS, StreetGeometry
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-Traffic = Literal["low", "medium", "high"]
 Behaviour = Literal["briefly_visible", "hidden"]
 
 RUNNING_PACE = 6 / 3.6  # m/s (paper: 6 km/h)

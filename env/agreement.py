@@ -29,6 +29,7 @@ from env.actors import Ego, EgoParameters
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious, Driver, FullThrottle
 from env.pipeline import Scene
+from sfol.cli import run
 from vsr.facts import Pinhole
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
@@ -264,4 +265,4 @@ def _share(part: int, whole: int) -> float:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run(typer.run, function=main)

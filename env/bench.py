@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from env.actors import Traffic
+from env.cells import Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious
 from sfol.bench import median

@@ -5,7 +5,6 @@ Run as `python -m env.contact_sheet docs/images/cells.png`.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -18,8 +17,7 @@ from env import CELLS
 from env.camera import third_person
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious
-from sfol.cli import print_errors
-from sfol.errors import SfolError
+from sfol.cli import run
 
 _MOMENTS = (5.0, 30.0, 44.0, 52.0)  # x of ego's front, in m
 _SIDE = 168  # px of a frame on the sheet
@@ -79,8 +77,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        typer.run(main)
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
+    run(typer.run, function=main)

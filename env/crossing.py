@@ -23,10 +23,10 @@ from env.actors import (
     Ego,
     EgoParameters,
     Pedestrians,
-    Traffic,
     Walkers,
 )
 from env.camera import DashCamera, DashCameraParameters, third_person
+from env.cells import Traffic
 from env.meshes import VehicleSize
 from env.metrics import STANDSTILL, stopping_distance
 from env.observation import Observation, ObservationKind, observer_of

@@ -8,11 +8,8 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from env.actors import Traffic
+from env.cells import Cell
 from env.crossing import OccludedCrossing
-from env.world import Occlusion
-
-Cell = tuple[Traffic, Occlusion]
 
 
 class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
@@ -46,7 +43,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._street = self._street_of(cell)
         episode_seed = int(self.np_random.integers(2**31))
         observation, info = self._street.reset(seed=episode_seed, options=options)
-        return observation, {**info, "traffic": cell[0], "occlusion": cell[1]}
+        return observation, info | cell._asdict()
 
     def step(
         self, action: npt.NDArray[np.float32]
@@ -61,8 +58,5 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     def _street_of(self, cell: Cell) -> OccludedCrossing:
         if cell not in self._streets:
-            traffic, occlusion = cell
-            self._streets[cell] = OccludedCrossing(
-                traffic=traffic, occlusion=occlusion, **self._options
-            )
+            self._streets[cell] = OccludedCrossing(**cell._asdict(), **self._options)
         return self._streets[cell]

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 from env import metrics
-from env.actors import TRAFFIC, Traffic
+from env.cells import Cell
 from env.crossing import OccludedCrossing
 from env.drivers import Driver
 from env.episode import Ending
@@ -23,42 +23,11 @@ from env.parallel import in_order
 from env.policies import file_hash, is_policy, make_driver
 from env.rollout import Transition, rollout
 from env.streets import QuietStreet
-from sfol.errors import UsageError, did_you_mean
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LoggedStep
 from sfol.testing import fired_rules
 
-CellOcclusion = Literal["partial", "full"]
 FIRST_SEED = 10_000  # of evaluation; nothing is ever tuned or trained on these seeds
-
-
-class Cell(NamedTuple):
-    """A cell of the collision test."""
-
-    traffic: Traffic
-    occlusion: CellOcclusion
-
-    @classmethod
-    def parse(cls, text: str) -> Cell:
-        """Return the cell that a text such as ``low/full`` names.
-
-        Raises:
-            UsageError: there is none.
-        """
-        cells = {str(cell): cell for cell in CELLS}
-        if text not in cells:
-            raise UsageError(
-                f"there is no cell '{text}'", name=text, suggestion=did_you_mean(text, cells)
-            )
-        return cells[text]
-
-    def __str__(self) -> str:
-        return f"{self.traffic}/{self.occlusion}"
-
-
-CELLS = tuple(
-    Cell(traffic, occlusion) for traffic in TRAFFIC for occlusion in get_args(CellOcclusion)
-)
 
 
 @dataclass(frozen=True)

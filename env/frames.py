@@ -6,10 +6,8 @@ numbered from its first seed on (`FIRST_SEEDS`), and a street's seed decides eve
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -20,13 +18,13 @@ import typer
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from env.actors import Ego, Traffic
+from env.actors import Ego
 from env.camera import DashCameraParameters
+from env.cells import CELLS, Cell
 from env.crossing import OccludedCrossing
 from env.networks import RENDERER
-from env.world import Occlusion
-from sfol.cli import print_errors
-from sfol.errors import SfolError, UsageError
+from sfol.cli import run
+from sfol.errors import UsageError
 from sfol.writing import replacing
 from vsr.segmentation import Frame
 from vsr.training.frames import CARD, read_shard, write_shard
@@ -39,9 +37,6 @@ FIRST_SEEDS: dict[Split, int] = {
     "validation": 20_000_000,
     "test": 30_000_000,
 }
-CELLS: tuple[tuple[Traffic, Occlusion], ...] = tuple(
-    itertools.product(get_args(Traffic), ("partial", "full"))
-)
 FRAMES_PER_STREET = 10
 STREETS_PER_FILE = 6 * len(CELLS)
 
@@ -59,11 +54,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    try:
-        app(prog_name="python -m env.frames")
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
+    run(app, prog_name="python -m env.frames")
 
 
 @app.command()
@@ -183,7 +174,7 @@ class _Streets:
     """One environment of each cell, built when it is first asked for."""
 
     def __enter__(self) -> _Streets:
-        self._built: dict[tuple[Traffic, Occlusion], OccludedCrossing] = {}
+        self._built: dict[Cell, OccludedCrossing] = {}
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -194,7 +185,7 @@ class _Streets:
         """Return the street of a seed's cell; cells take turns."""
         cell = CELLS[seed % len(CELLS)]
         if cell not in self._built:
-            self._built[cell] = OccludedCrossing(traffic=cell[0], occlusion=cell[1])
+            self._built[cell] = OccludedCrossing(**cell._asdict())
         return self._built[cell]
 
 

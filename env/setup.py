@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from env.actors import Traffic
-from env.world import Occlusion
+from env.cells import Cell, CellOcclusion, Traffic
 from sfol.errors import Place, UsageError, did_you_mean
 from vsr.fusion import Method
 
@@ -27,12 +27,12 @@ class Stage(_Section):
 
     steps: Positive = Field(description="steps of all streets together")
     traffic: tuple[Traffic, ...] = Field(min_length=1, description="levels to draw from")
-    occlusion: tuple[Occlusion, ...] = Field(("partial", "full"), min_length=1)
+    occlusion: tuple[CellOcclusion, ...] = Field(("partial", "full"), min_length=1)
 
     @property
-    def cells(self) -> tuple[tuple[Traffic, Occlusion], ...]:
+    def cells(self) -> tuple[Cell, ...]:
         """Every combination of its traffic and occlusion."""
-        return tuple((traffic, hidden) for traffic in self.traffic for hidden in self.occlusion)
+        return tuple(Cell(*cell) for cell in product(self.traffic, self.occlusion))
 
 
 class Learning(_Section):

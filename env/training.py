@@ -20,13 +20,15 @@ from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 import sfol
-from env.curriculum import Cell, StreetsInTurn
+from env.cells import Cell
+from env.curriculum import StreetsInTurn
 from env.description import Describer
 from env.networks import load_autoencoder, load_segmenter
 from env.pipeline import ScenePipeline
 from env.setup import Setup
 from env.vector import DescribedStreets
 from sfol.errors import UsageError
+from sfol.writing import replacing
 from vsr.segmentation import SimulatorSegmenter
 
 log = logging.getLogger(__name__)
@@ -76,8 +78,8 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
         callbacks: list[BaseCallback] = [
             _Curriculum(setup),
             _RewardParts(),
-            _Checkpoints(folder, setup.checkpoint_steps),
-            _Evaluations(setup, folder),
+            _BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
+            _BetweenUpdates(setup.evaluation_steps, partial(_record_evaluation, setup, folder)),
             _Progress(setup, progress),
         ]
         if model.num_timesteps < setup.steps:
@@ -135,7 +137,8 @@ def _claim(folder: Path, setup: Setup) -> None:
     """Write down whose folder it is, or make sure that it is this setup's."""
     file, text = folder / "setup.json", setup.model_dump_json(indent=2)
     if not file.exists():
-        file.write_text(text, encoding="utf-8")
+        with replacing(file) as part:
+            part.write_text(text, encoding="utf-8")
     elif json.loads(file.read_text(encoding="utf-8")) != json.loads(text):
         raise UsageError(
             f"'{folder}' holds the training of another setup",
@@ -167,35 +170,48 @@ def _model(setup: Setup, streets: VecEnv, folder: Path) -> PPO:
 
 def _save(model: BaseAlgorithm, path: Path) -> None:
     """Save a model so that the file appears complete or not at all."""
-    partial_file = path.with_name(f"{path.stem}.part.zip")
-    model.save(partial_file)
-    partial_file.replace(path)
+    with replacing(path) as part:
+        model.save(part)
 
 
-class _Checkpoints(BaseCallback):
-    """Saves the model at intervals, between two updates, and keeps the last few."""
+# -- callbacks ------------------------------------------------------------------------------------
 
-    def __init__(self, folder: Path, interval: int) -> None:
+
+class _BetweenUpdates(BaseCallback):
+    """Does something between two updates, when that many steps have passed since the last time."""
+
+    def __init__(self, interval: int, action: Callable[[BaseAlgorithm], None]) -> None:
         super().__init__()
-        self._folder = folder
         self._interval = interval
+        self._action = action
         self._last = 0
 
     def _on_training_start(self) -> None:
         self._last = self.num_timesteps
 
-    def _on_step(self) -> bool:
-        return True
-
     def _on_rollout_start(self) -> None:
         if self.num_timesteps - self._last >= self._interval:
             self._last = self.num_timesteps
-            _save(self.model, self._folder / f"checkpoint-{self.num_timesteps:09d}.zip")
-            for old in sorted(self._folder.glob("checkpoint-*.zip"))[:-_KEPT_CHECKPOINTS]:
-                old.unlink()
+            self._action(self.model)
+
+    def _on_step(self) -> bool:
+        return True
 
 
-# -- callbacks ------------------------------------------------------------------------------------
+def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
+    """Save a model beside the last few, and remove older ones."""
+    _save(model, folder / f"checkpoint-{model.num_timesteps:09d}.zip")
+    for old in sorted(folder.glob("checkpoint-*.zip"))[:-_KEPT_CHECKPOINTS]:
+        old.unlink()
+
+
+def _record_evaluation(setup: Setup, folder: Path, model: BaseAlgorithm) -> None:
+    """Evaluate a policy, and write down what comes of it."""
+    result = evaluate_policy(model, setup)
+    for name, value in result.items():
+        model.logger.record(f"Evaluation/{name}", value)
+    with (folder / "evaluations.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"steps": model.num_timesteps, **result}) + "\n")
 
 
 class _Curriculum(BaseCallback):
@@ -248,32 +264,6 @@ class _RewardParts(BaseCallback):
                 self.logger.record_mean(f"{kind.capitalize()}/{part}", total / length)
 
 
-class _Evaluations(BaseCallback):
-    """Drives without exploration on streets that training never sees."""
-
-    def __init__(self, setup: Setup, folder: Path) -> None:
-        super().__init__()
-        self._setup = setup
-        self._file = folder / "evaluations.jsonl"
-        self._last = 0
-
-    def _on_training_start(self) -> None:
-        self._last = self.num_timesteps
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps - self._last < self._setup.evaluation_steps:
-            return
-        self._last = self.num_timesteps
-        result = evaluate(self.model, self._setup)
-        for name, value in result.items():
-            self.logger.record(f"Evaluation/{name}", value)
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"steps": self.num_timesteps, **result}) + "\n")
-
-
 class _Progress(BaseCallback):
     """Reports how far the training is."""
 
@@ -288,7 +278,7 @@ class _Progress(BaseCallback):
         return True
 
 
-def evaluate(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
+def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
     """Return how a policy does on streets that training never sees, over all of a setup's cells.
 
     Args:

@@ -17,8 +17,8 @@ import numpy as np
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.pyreason_start import ready, ready_compared, run_python
 from sfol.reward import RewardFunction
-from sfol.startup import ready, ready_compared, run_python
 from sfol.syntax import Atom
 
 Tuples = Sequence[tuple[Atom, Bound]]

@@ -13,6 +13,7 @@ from sfol.writing import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_EPISODES = 8
 
@@ -21,6 +22,27 @@ _ROWS: Mapping[str, Callable[[Outcome], Mapping[str, float]]] = {
     "weight": lambda outcome: outcome.weights,
     "reward": lambda outcome: {**outcome.terms, "all": outcome.reward},
 }
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure that opens no window.
+
+    Args:
+        width: in inches.
+        height: in inches.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure  # noqa: PLC0415  (an extra, and slow to import)
+    except ImportError:
+        raise MissingExtraError(
+            "plots need matplotlib, which is not installed",
+            name="plot",
+            suggestion="pip install 'sfol[plot]'",
+        ) from None
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def plot(episodes: Sequence[ReplayedEpisode], path: Path) -> None:
@@ -34,17 +56,9 @@ def plot(episodes: Sequence[ReplayedEpisode], path: Path) -> None:
         MissingExtraError: matplotlib is not installed.
         UsageError: the format is not known.
     """
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415  (an extra, and slow to import)
-    except ImportError:
-        raise MissingExtraError(
-            "plots need matplotlib, which is not installed",
-            name="plot",
-            suggestion="pip install 'sfol[plot]'",
-        ) from None
     shown = episodes[:MOST_EPISODES]
     rows = {title: values for title, values in _ROWS.items() if values(shown[0].outcomes[0])}
-    figure = Figure(figsize=(1.5 + 4.5 * len(shown), 2.2 * len(rows)), layout="constrained")
+    figure = new_figure(1.5 + 4.5 * len(shown), 2.2 * len(rows))
     grid = figure.subplots(len(rows), len(shown), squeeze=False, sharex="col", sharey="row")
     for axes, (title, values) in zip(grid, rows.items(), strict=True):
         for axis, episode in zip(axes, shown, strict=True):

@@ -25,7 +25,9 @@ from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from scipy import stats
 from scipy.optimize import linear_sum_assignment
 
-from sfol.errors import MissingExtraError, SfolError, UsageError
+from sfol.cli import run
+from sfol.errors import UsageError
+from sfol.plotting import new_figure
 from sfol.writing import replacing
 from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.codebook import GRID, VERSION, Codebook
@@ -288,16 +290,8 @@ def plot(cells: Sequence[Cell], path: Path) -> None:
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415  (an extra, and slow to import)
-    except ImportError:
-        raise MissingExtraError(
-            "plots need matplotlib, which is not installed",
-            name="plot",
-            suggestion="pip install 'sfol[plot]'",
-        ) from None
     dimensions = sorted({cell.dimension for cell in cells})
-    figure = Figure(figsize=(3.2 * len(dimensions), 3.2), layout="constrained")
+    figure = new_figure(3.2 * len(dimensions), 3.2)
     axes = figure.subplots(1, len(dimensions), squeeze=False, sharey=True)[0]
     for axis, dimension in zip(axes, dimensions, strict=True):
         _draw(axis, [cell for cell in cells if cell.dimension == dimension])
@@ -403,11 +397,7 @@ def _sorted(cells: Mapping[tuple[int, int], Cell]) -> list[Cell]:
 
 def main() -> None:
     """Run the command, with errors in one line."""
-    try:
-        typer.run(study)
-    except SfolError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise SystemExit(2) from None
+    run(typer.run, function=study)
 
 
 if __name__ == "__main__":

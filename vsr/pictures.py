@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfol.errors import MissingExtraError
+from sfol.plotting import new_figure
 from vsr.classes import CLASS_COUNT, COLOURS, DESCRIPTOR_CLASSES, SemanticClass
 from vsr.codebook import GRID
 from vsr.decoding import DecodedEntity
@@ -184,15 +184,9 @@ def _rounded(picture: NDArray[np.floating[Any]]) -> Rgb:
 
 
 def _figure(width: float, height: float) -> Figure:
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415  (an extra, and slow to import)
-    except ImportError:
-        raise MissingExtraError(
-            "pictures need matplotlib, which is not installed",
-            name="plot",
-            suggestion="pip install 'sfol[plot]'",
-        ) from None
-    return Figure(figsize=(width, height), dpi=120, layout="constrained")
+    figure = new_figure(width, height)
+    figure.set_dpi(120)
+    return figure
 
 
 def _colour(kind: SemanticClass) -> tuple[float, float, float]:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-
 import typer
 
-from sfol.cli import print_errors
-from sfol.errors import SfolError
+from sfol.cli import run
 
 app = typer.Typer(
     help="""The bundled street: an occluded pedestrian crossing, driven, explained and measured.
@@ -24,11 +21,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    try:
-        app(prog_name="aeb")
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
+    run(app, prog_name="aeb")
 
 
 @app.callback()

@@ -16,7 +16,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import sfol
-from env.actors import Behaviour, Traffic
+from env.actors import Behaviour
+from env.cells import Traffic
 from env.cli.app import app
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS

@@ -12,11 +12,11 @@ import typer
 from rich.console import Console
 
 import sfol
-from env.actors import Traffic
+from env.cells import CELLS, Cell, CellOcclusion, Traffic
 from env.cli import tables
 from env.cli.app import app
 from env.cli.progress import counting
-from env.evaluate import CELLS, FIRST_SEED, Cell, CellOcclusion, Drive, evaluate
+from env.evaluate import FIRST_SEED, Drive, evaluate
 from env.parallel import cores
 from env.policies import make_driver
 from env.results import DriveResult, ResultFolder

@@ -16,7 +16,7 @@ from sfol.cli import (
     bench,
 )
 from sfol.cli.app import main
-from sfol.cli.output import print_errors
+from sfol.cli.output import print_errors, run
 
 __all__ = [
     "bench",
@@ -31,6 +31,7 @@ __all__ = [
     "main",
     "print_errors",
     "replay",
+    "run",
     "schema",
     "show",
 ]

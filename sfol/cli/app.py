@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
 import typer
 
 import sfol
-from sfol.cli.output import print_errors
-from sfol.errors import SfolError
+from sfol.cli.output import run
 
 app = typer.Typer(
     help="""Rewards for reinforcement learning as logic that people write in YAML.
@@ -28,11 +26,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    try:
-        app(prog_name="sfol")
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
+    run(app, prog_name="sfol")
 
 
 def _version(wanted: bool) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import sys
+from collections.abc import Callable, Collection
 
 from rich.console import Console
 
@@ -20,6 +21,20 @@ def stdout() -> Console:
 def singles(error: SfolError) -> tuple[SfolError, ...]:
     """Return the errors that an error is made of."""
     return error.errors if isinstance(error, InvalidKnowledgeBase) else (error,)
+
+
+def run(command: Callable[..., object], **arguments: object) -> None:
+    """Run a command line; errors of ours end with exit code 2 and no traceback.
+
+    Args:
+        command: a typer application, or `typer.run`.
+        arguments: what it is called with.
+    """
+    try:
+        command(**arguments)
+    except SfolError as error:
+        print_errors(error)
+        sys.exit(2)
 
 
 def print_errors(error: SfolError, *, but: Collection[str] = ()) -> None:

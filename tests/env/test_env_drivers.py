@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import sfol
+from env.cells import CELLS
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS, Cautious, Crawl, Oracle, TTCBrake
-from env.evaluate import CELLS, Drive, evaluate, summarize
+from env.evaluate import Drive, evaluate, summarize
 from env.parallel import cores
 from env.rollout import rollout
 

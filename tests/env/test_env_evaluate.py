@@ -10,10 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 import sfol
+from env.cells import CELLS, Cell
 from env.cli import app
 from env.drivers import DRIVERS
 from env.episode import Ending
-from env.evaluate import CELLS, Cell, Drive, drive_episode, evaluate, summarize
+from env.evaluate import Drive, drive_episode, evaluate, summarize
 from env.metrics import Mean
 from env.results import DriveResult, ResultFolder, read_json
 from env.returns import CONDUCTS, Worth, faults

@@ -60,7 +60,7 @@ def test_streets_perceived_together_are_as_each_by_itself(processes):
         alone.close()
 
 
-def test_the_reward_is_of_the_facts_before_the_step():
+def test_the_terms_in_the_info_sum_to_the_reward():
     streets = described(DummyVecEnv([bare_street]))
     try:
         streets.seed(1)

@@ -272,7 +272,7 @@ def test_dead_features_leave_the_hypervector():
     torch.testing.assert_close(vectors, SceneDescriptor(Codebook()).entities([layout]))
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="compares with a GPU, and there is none")
 def test_a_gpu_gives_the_same_vectors():
     here = SceneDescriptor(Codebook(), fusion="add")
     there = SceneDescriptor(Codebook(), fusion="add", device="cuda")

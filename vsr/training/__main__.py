@@ -23,8 +23,8 @@ from rich.progress import track
 from rich.table import Table
 
 import sfol
-from sfol.cli import print_errors
-from sfol.errors import SfolError, UsageError
+from sfol.cli import run
+from sfol.errors import UsageError
 from sfol.writing import replacing
 from vsr import autoencoder, unet
 from vsr.grounding import SegmentationGrounding
@@ -73,11 +73,7 @@ Rules = Annotated[str, typer.Option(help="Knowledge base whose grounding reads t
 
 def main() -> None:
     """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    try:
-        app(prog_name="python -m vsr.training")
-    except SfolError as error:
-        print_errors(error)
-        sys.exit(2)
+    run(app, prog_name="python -m vsr.training")
 
 
 @app.command()
