@@ -86,7 +86,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
 
     Args:
         traffic: ``low``, ``medium`` or ``high`` (10, 25 or 50 pedestrians).
-        occlusion: ``partial``, a parked car, or ``full``, a parked box truck.
+        occlusion: ``partial``, a parked car; ``full``, a parked box truck; ``cpnco``, both.
         behaviour: of the pedestrian who crosses before ego: ``briefly_visible`` or ``hidden``;
             drawn for each episode when None.
         perception: where the facts come from: ``simulator``, the renderer's own class map;
@@ -99,7 +99,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         rules: a knowledge base, the path of one, or the name of a bundled one. Its grounding
             gives the camera's field of view and height.
         speed_limit: what full throttle approaches, in km/h, from 10 to 130. People step out so that
-            ego can stop at 40; above, nobody promises that an episode can be survived.
+            ego can stop at 40, but for the one who crosses before ego, who grants time and not
+            distance; above, nobody promises that an episode can be survived.
         control_hz: actions a second, a divisor of 100.
         max_seconds: after which an episode is cut off.
         render_mode: None; ``rgb_array``, `render` returns a picture; ``human``, a window shows it.

@@ -5,6 +5,7 @@ Every ratio is taken in one run, on one thread.
 
 from __future__ import annotations
 
+import json
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from sfol.bench import median
 from sfol.facts import Facts
-from vsr import attention
+from vsr import attention, network_speed
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.codebook import GRID, Codebook
 from vsr.descriptor import Layout, SceneDescriptor
@@ -22,6 +23,7 @@ from vsr.entities import Direction, class_map, find_entities
 from vsr.facts import scene_facts
 from vsr.fusion import Fusion
 from vsr.grounding import SegmentationGrounding
+from vsr.segmentation import Frame
 
 ENTITIES, NEIGHBOURS, CELLS = 12, 3, 20
 SIDE = 224
@@ -43,6 +45,15 @@ def measure() -> dict[str, Any]:
             return {"entities": ENTITIES, **_perception(), **_descriptor()}
     finally:
         torch.set_num_threads(threads)
+
+
+def main() -> None:
+    """Print the speed of the descriptor and of the networks as JSON."""
+    classes = street()
+    frame = Frame(classes * 9, classes, np.full(classes.shape, -1, np.int32))
+    print(
+        json.dumps({"descriptor": measure(), "networks": network_speed.measure([frame])}, indent=2)
+    )
 
 
 def street() -> NDArray[np.uint8]:
@@ -158,3 +169,7 @@ class _TorchHd:
 
 def _ms(seconds: float) -> float:
     return round(1e3 * seconds, 3)
+
+
+if __name__ == "__main__":
+    main()

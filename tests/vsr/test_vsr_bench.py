@@ -1,5 +1,7 @@
 """The benchmark reports every stage, of the scene that it promises. No time is asserted."""
 
+import json
+
 import numpy as np
 
 import sfol.bench
@@ -36,3 +38,15 @@ def test_the_street_has_twelve_entities_and_a_crosswalk():
     found = find_entities(np.eye(28, dtype=np.float32)[bench.street()].transpose(2, 0, 1))
     assert sum(entity.kind in DYNAMIC_CLASSES for entity in found) == bench.ENTITIES == 12
     assert len(found) == 13
+
+
+def test_the_command_prints_descriptor_and_networks(monkeypatch, capsys):
+    monkeypatch.setattr(bench, "measure", lambda: {"vsr_ssi_ms": 0.3})
+    monkeypatch.setattr(
+        bench.network_speed, "measure", lambda frames: {"unet_ms": float(frames[0].gray.size)}
+    )
+    bench.main()
+    assert json.loads(capsys.readouterr().out) == {
+        "descriptor": {"vsr_ssi_ms": 0.3},
+        "networks": {"unet_ms": 224.0 * 224.0},
+    }
