@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import count
 from typing import NamedTuple
 
@@ -118,7 +118,7 @@ class Forest:
 
     parts: tuple[Part, ...]
 
-    @property
+    @cached_property  # asked at every evaluation
     def branches(self) -> bool:
         """Whether the body holds in more ways than its parts have to be searched for."""
         binding = [part for part in self.parts if part.own]
