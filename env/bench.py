@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from env.cells import Traffic
+from env.cells import Cell, Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious
+from env.setup import load_setup
+from env.training import make_streets
 from sfol.bench import median
 from vsr.codebook import Codebook
 from vsr.descriptor import SceneDescriptor
@@ -23,6 +25,7 @@ from vsr.segmentation import SimulatorSegmenter
 
 _BRAKE = np.array([-1.0], np.float32)
 _STRETCH = 100  # steps that are timed together, so that an episode's reset has its share
+_FRAMES = 20  # the same, where every step is seen and described
 
 _WORKER = """
 import resource
@@ -42,7 +45,8 @@ def measure() -> dict[str, Any]:
 
     Returns:
         Times in ms; the ratio of a whole step to a bare frame of TinyRenderer; steps a second with
-        truth and state, random actions, resets included; the memory of one worker in MB.
+        truth and state, random actions, resets included; the memory of one worker in MB; steps a
+        second of the main setup's training without its updates, by where its facts come from.
     """
     street = OccludedCrossing(traffic="high", occlusion="full")
     try:
@@ -55,7 +59,30 @@ def measure() -> dict[str, Any]:
         "truth_steps_per_second_low": _steps_per_second("low"),
         "truth_steps_per_second_high": _steps_per_second("high"),
         "worker_mb": _worker_memory(),
+        "training_steps_per_second_simulator": _training_pace("simulator"),
+        "training_steps_per_second_unet": _training_pace("unet"),
     }
+
+
+def _training_pace(perception: str) -> float:
+    """Return how many steps a second all streets of the main setup drive, random actions.
+
+    That is all of a training but for policy and updates: workers render, this process perceives,
+    describes and rewards.
+    """
+    setup = load_setup("add").model_copy(update={"perception": perception})
+    streets = make_streets(setup, [Cell("medium", "full")], seed=0)
+    rng = np.random.default_rng(0)
+    streets.reset()
+
+    def drive() -> None:
+        for pedals in rng.uniform(-0.3, 1.0, (_FRAMES, setup.streets, 1)).astype(np.float32):
+            streets.step(pedals)
+
+    try:
+        return round(_FRAMES * setup.streets / median(drive), 1)
+    finally:
+        streets.close()
 
 
 def _steps_per_second(traffic: Traffic) -> int:

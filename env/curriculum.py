@@ -11,6 +11,8 @@ import numpy.typing as npt
 from env.cells import Cell
 from env.crossing import OccludedCrossing
 
+EPISODE_SEEDS = (2**30, 2**31)  # far from the small ones of the final test
+
 
 class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """Draws a cell for every episode. A cell's street is built when it is drawn first, and kept.
@@ -18,6 +20,9 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
         options: arguments of `OccludedCrossing` that all of them share.
+
+    Attributes:
+        street: on which the present episode is driven.
     """
 
     metadata = OccludedCrossing.metadata
@@ -26,9 +31,9 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._options = options
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
-        self._street = self._street_of(cells[0])
-        self.observation_space = self._street.observation_space
-        self.action_space = self._street.action_space
+        self.street = self._street_of(cells[0])
+        self.observation_space = self.street.observation_space
+        self.action_space = self.street.action_space
 
     def use(self, cells: tuple[Cell, ...]) -> None:
         """Draw from these cells from the next episode on."""
@@ -40,16 +45,16 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """Start an episode in one of the cells; see `gymnasium.Env.reset`."""
         super().reset(seed=seed)
         cell = self._cells[int(self.np_random.integers(len(self._cells)))]
-        self._street = self._street_of(cell)
-        episode_seed = int(self.np_random.integers(2**31))
-        observation, info = self._street.reset(seed=episode_seed, options=options)
+        self.street = self._street_of(cell)
+        episode_seed = int(self.np_random.integers(*EPISODE_SEEDS))
+        observation, info = self.street.reset(seed=episode_seed, options=options)
         return observation, info | cell._asdict()
 
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive on; see `OccludedCrossing.step`."""
-        return self._street.step(action)
+        return self.street.step(action)
 
     def close(self) -> None:
         """Free all streets."""

@@ -35,7 +35,7 @@ class Settings:
     """Everything that decides what comes of a drive; equal settings, equal results.
 
     Attributes:
-        driver: name of a scripted driver, or path of a policy file.
+        driver: name of a scripted driver, or what a policy is called.
         policy: hash of the policy file; None for a scripted driver.
         traffic: of the cell.
         occlusion: of the cell.
@@ -72,6 +72,7 @@ class Drive:
         perception: where facts come from; see `OccludedCrossing`.
         hazard: whether people cross; else nobody does.
         trust: whether a policy file may lie outside the project's folder.
+        name: what a policy is called in the results; by default after its file and its hash.
     """
 
     driver: str
@@ -82,6 +83,7 @@ class Drive:
     perception: str = "simulator"
     hazard: bool = True
     trust: bool = False
+    name: str = ""
 
     @property
     def seeds(self) -> range:
@@ -91,9 +93,11 @@ class Drive:
     @cached_property
     def settings(self) -> Settings:
         """What decides the results, in a form that can be compared and written."""
+        policy = file_hash(Path(self.driver)) if is_policy(self.driver) else None
+        called = f"{Path(self.driver).stem}-{policy}" if policy else self.driver
         return Settings(
-            driver=self.driver,
-            policy=file_hash(Path(self.driver)) if is_policy(self.driver) else None,
+            driver=self.name or called,
+            policy=policy,
             traffic=self.cell.traffic,
             occlusion=self.cell.occlusion,
             hazard=self.hazard,

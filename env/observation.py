@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from env.actors import RUNNING_PACE
+from env.actors import RUNNING_PACE, EgoParameters
 
 if TYPE_CHECKING:
     from env.crossing import OccludedCrossing
     from env.description import Describer
+    from vsr.codebook import Codebook
 
 Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
 ObservationKind = Literal["image", "state", "vsr", "frame"]
@@ -95,17 +96,20 @@ class VsrObserver:
 
     Args:
         fusion: of SSI and SF.
+        codebook: the symbols; a trained policy needs those that it was trained with.
 
     Source: paper, section "Vector Semantic Representation".
     """
 
-    def __init__(self, fusion: str = "add") -> None:
+    def __init__(self, fusion: str = "add", codebook: Codebook | None = None) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.codebook import DIMENSION  # noqa: PLC0415
         from vsr.fusion import Fusion, Method  # noqa: PLC0415
 
-        self.space = spaces.Box(-np.inf, np.inf, (DIMENSION,), np.float32)
+        dimension = codebook.dimension if codebook else DIMENSION
+        self.space = spaces.Box(-np.inf, np.inf, (dimension,), np.float32)
         self._fusion = Fusion(cast(Method, fusion))
+        self._codebook = codebook
         self._describer: Describer | None = None
 
     def __call__(self, street: OccludedCrossing) -> Observation:
@@ -121,7 +125,7 @@ class VsrObserver:
 
         camera = street.pipeline.grounding.camera
         encoder = load_autoencoder(camera=camera) if self._fusion.uses_features else None
-        return Describer(street.pipeline, self._fusion, encoder)
+        return Describer(street.pipeline, self._fusion, encoder, self._codebook)
 
 
 class FrameObserver:
@@ -146,6 +150,22 @@ class FrameObserver:
         frame = street.frame
         gray = frame.gray[..., None]
         return {"gray": gray, "classes": frame.classes, "instances": frame.instances}
+
+
+def with_speed(
+    observations: npt.NDArray[np.float32], speeds: npt.ArrayLike
+) -> npt.NDArray[np.float32]:
+    """Return observations with ego's speed at their end, as a share of its top speed.
+
+    Args:
+        observations: float32 (..., N).
+        speeds: in m/s, (...).
+
+    Returns:
+        float32 (..., N + 1).
+    """
+    shares = np.asarray(speeds, np.float32)[..., None] / np.float32(EgoParameters().top_speed)
+    return np.concatenate([observations, shares], axis=-1)
 
 
 def observer_of(kind: ObservationKind, side: int, fusion: str = "add") -> Observer:

@@ -3,46 +3,59 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from env.camera import DashCameraParameters
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS, Driver
-from env.observation import ObservationKind, Observer, observer_of
+from env.observation import (
+    ObservationKind,
+    Observer,
+    StateObserver,
+    VsrObserver,
+    observer_of,
+    with_speed,
+)
 from sfol.errors import MissingExtraError, UsageError, did_you_mean
 
 _PROJECT = Path(__file__).resolve().parents[1]
-_SUFFIX = ".zip"
+SUFFIX = ".safetensors"
+_PICKLE = ".zip"
 _KINDS: tuple[ObservationKind, ...] = ("image", "state")
 
 
 def is_policy(name: str) -> bool:
     """Tell whether a driver's name is that of a policy file."""
-    return name.endswith(_SUFFIX)
+    return name.endswith((SUFFIX, _PICKLE))
 
 
 def make_driver(name: str, *, trust: bool = False) -> Driver:
     """Return a driver.
 
     Args:
-        name: of a scripted driver, or the path of a policy file (``.zip``) of stable-baselines3.
-        trust: whether a policy file may lie outside the project's own folder.
+        name: of a scripted driver, or the path of a policy file: the ``.safetensors`` that
+            `aeb train` writes, or a ``.zip`` of stable-baselines3.
+        trust: whether a ``.zip`` may lie outside the project's own folder.
 
     Raises:
         UsageError: there is no such driver, or the file can't be used or trusted.
         MissingExtraError: stable-baselines3 is not installed.
     """
-    if is_policy(name):
+    if name.endswith(SUFFIX):
+        return TrainedDriver(Path(name))
+    if name.endswith(_PICKLE):
         return PolicyDriver(Path(name), trust=trust)
     if name not in DRIVERS:
         raise UsageError(
             f"there is no driver '{name}'",
             name=name,
-            suggestion=did_you_mean(name, DRIVERS) or "a policy file ends in .zip",
+            suggestion=did_you_mean(name, DRIVERS) or "a policy file ends in .safetensors or .zip",
         )
     return DRIVERS[name]()
 
@@ -52,8 +65,56 @@ def file_hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
 
 
+class TrainedDriver:
+    """Drives as a policy that `aeb train` wrote says, without chance, by what it was trained on.
+
+    Args:
+        path: of the policy (``.safetensors``), with its card beside it.
+
+    Raises:
+        UsageError: there is no such file, or it is no policy.
+        MissingExtraError: torch is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        from env.policy_files import PolicyFile  # noqa: PLC0415  (torch is slow to import)
+
+        _check_exists(path)
+        file = PolicyFile(path)
+        setup = file.card().setup
+        self._network = file.network()
+        self._speed = setup.speed
+        self._observer: Observer = (
+            VsrObserver(setup.fusion, file.codebook())
+            if setup.observation == "vsr"
+            else StateObserver()
+        )
+        self._last: deque[Any] = deque(maxlen=setup.frames)
+
+    def reset(self) -> None:
+        """Forget what was observed."""
+        self._last.clear()
+
+    def __call__(self, street: OccludedCrossing) -> float:
+        """Return the policy's most likely action."""
+        from env.policy_files import act  # noqa: PLC0415
+
+        return act(self._network, self.observe(street))
+
+    def observe(self, street: OccludedCrossing) -> npt.NDArray[np.float32]:
+        """Return what the policy is given now, float32 (N,)."""
+        observation = np.asarray(self._observer(street))
+        if self._speed:
+            observation = with_speed(observation, street.ego.speed)
+        # Before the first observation there were zeros, as in stable-baselines3's VecFrameStack.
+        while len(self._last) + 1 < (self._last.maxlen or 1):
+            self._last.append(np.zeros_like(observation))
+        self._last.append(observation)
+        return np.concatenate(self._last)
+
+
 class PolicyDriver:
-    """Drives as a trained policy says, without chance. Sees what the policy was trained on.
+    """Drives as a policy of stable-baselines3 says, without chance, by what it was trained on.
 
     Args:
         path: a policy file (``.zip``) that stable-baselines3's PPO has saved.
@@ -81,9 +142,13 @@ class PolicyDriver:
         return float(np.asarray(action).ravel()[0])
 
 
-def _check_file(path: Path, trust: bool) -> None:
+def _check_exists(path: Path) -> None:
     if not path.is_file():
         raise UsageError(f"there is no policy file '{path}'", name=str(path))
+
+
+def _check_file(path: Path, trust: bool) -> None:
+    _check_exists(path)
     # A link that leads out of the project is outside.
     if not trust and not _in_project(path.resolve()):
         raise UsageError(
@@ -126,7 +191,7 @@ def _observer_for(space: spaces.Space[Any], path: Path) -> Observer:
     raise UsageError(
         f"'{path}' was trained on observations {space}, which the street does not give",
         name=str(path),
-        suggestion=f"known are {known}",
+        suggestion=f"known are {known}; what aeb train writes, .safetensors, drives by more",
     )
 
 

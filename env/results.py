@@ -81,9 +81,7 @@ class ResultFolder:
     def file(self, drive: Drive, suffix: str = ".json") -> Path:
         """Return the path of a file of a drive."""
         street = "-".join(drive.cell) + ("" if drive.hazard else "-no-hazard")
-        policy = drive.settings.policy
-        who = f"{Path(drive.driver).stem}-{policy}" if policy else drive.driver
-        return self._path / who / f"{street}{suffix}"
+        return self._path / drive.settings.driver / f"{street}{suffix}"
 
     def find(self, drive: Drive, *, log: bool = False) -> DriveResult | None:
         """Return the result of a drive if it is there, made with the very same settings.
@@ -120,12 +118,12 @@ class ResultFolder:
         self._write_table()
         return result
 
+    def all(self) -> list[DriveResult]:
+        """Return all results, by driver and cell."""
+        return [read_json(file, DriveResult) for file in sorted(self._path.glob("*/*.json"))]
+
     def _write_table(self) -> None:
-        files = sorted(self._path.glob("*/*.json"))
-        write_csv(
-            self._path / "summary.csv",
-            [_summary_row(read_json(file, DriveResult)) for file in files],
-        )
+        write_csv(self._path / "summary.csv", [_summary_row(result) for result in self.all()])
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from env.cells import Cell, CellOcclusion, Traffic
 from sfol.errors import Place, UsageError, did_you_mean
@@ -36,7 +37,7 @@ class Stage(_Section):
 
 
 class Learning(_Section):
-    """Hyperparameters of PPO, by the names of stable-baselines3."""
+    """Hyperparameters of PPO, by the names of stable-baselines3 where it has them."""
 
     learning_rate: float = Field(3e-4, gt=0)
     n_steps: Positive = Field(512, description="of each street, for one update")
@@ -46,6 +47,9 @@ class Learning(_Section):
     gae_lambda: float = Field(0.95, ge=0, le=1)
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
+    reward_scale: float = Field(
+        0.05, gt=0, description="factor on rewards, so that returns are of the order of 1"
+    )
     log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
     layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
 
@@ -62,6 +66,12 @@ class Setup(_Section):
     observation: Literal["vsr", "state"] = "vsr"
     perception: Literal["simulator", "unet", "truth"] = "simulator"
     fusion: Method = Field("add", description="of SSI and SF, for the observation vsr")
+    speed: bool = Field(
+        default=False, description="whether ego's speed is added to the observation vsr"
+    )
+    frames: Positive = Field(
+        1, description="how many observations, the last ones, a policy is given together"
+    )
     stages: tuple[Stage, ...] = Field(min_length=1)
     streets: Positive = Field(2, description="that are driven at once, each in its own process")
     seed: int = Field(0, ge=0)
@@ -69,6 +79,17 @@ class Setup(_Section):
     evaluation_steps: Positive = Field(20_000, description="between two evaluations")
     evaluation_episodes: Positive = Field(20, description="of an evaluation, over all cells")
     learning: Learning = Learning()
+
+    @model_validator(mode="after")
+    def _state_has_speed(self) -> Self:
+        if self.speed and self.observation == "state":
+            raise ValueError("the observation state has ego's speed anyway: leave speed out")
+        return self
+
+    @property
+    def hash(self) -> str:
+        """12 hexadecimal digits of the SHA-256 of all that it says."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
 
     @property
     def steps(self) -> int:

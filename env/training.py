@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,25 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecMonitor,
+)
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 import sfol
 from env.cells import Cell
 from env.curriculum import StreetsInTurn
 from env.description import Describer
+from env.history import Clock, History, Row
 from env.networks import load_autoencoder, load_segmenter
 from env.pipeline import ScenePipeline
+from env.policy_files import PolicyCard, PolicyFile
+from env.results import versions
 from env.setup import Setup
 from env.vector import DescribedStreets
 from sfol.errors import UsageError
@@ -35,7 +46,7 @@ log = logging.getLogger(__name__)
 
 Progress = Callable[[int, str], None]
 
-# Seeds of training and of the evaluations during it; the final test has small ones.
+# From these, streets draw the seeds of their episodes.
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
@@ -46,14 +57,18 @@ class Trained:
     """What came of a training.
 
     Attributes:
-        policy: the file of the last policy.
-        steps: steps of all streets together.
-        evaluations: what each evaluation during training found, in order.
+        policy: the file of the best policy, by success and then return in the evaluations.
+        steps: of all streets together.
+        seconds: that it took.
+        evaluations: what each evaluation found, in order, with ``steps`` and ``seconds``.
+        episodes: those of the training itself, in order.
     """
 
     policy: Path
     steps: int
-    evaluations: tuple[dict[str, float], ...]
+    seconds: float
+    evaluations: tuple[Row, ...]
+    episodes: tuple[Row, ...]
 
 
 def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stage: None) -> Trained:
@@ -71,15 +86,19 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     folder.mkdir(parents=True, exist_ok=True)
     _claim(folder, setup)
     set_random_seed(setup.seed)
-    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS + 1000 * setup.seed)
+    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
     try:
         model = _model(setup, streets, folder)
+        # The model has given the streets its own seed; and a training that goes on meets new ones.
+        streets.seed(TRAINING_SEEDS + 1_000_000 * setup.seed + model.num_timesteps)
+        record = _Record(setup, folder, model.num_timesteps)
         model.set_logger(configure(str(folder), ["tensorboard"]))
         callbacks: list[BaseCallback] = [
             _Curriculum(setup),
             _RewardParts(),
+            _Episodes(record),
             _BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
-            _BetweenUpdates(setup.evaluation_steps, partial(_record_evaluation, setup, folder)),
+            _BetweenUpdates(setup.evaluation_steps, record.evaluate),
             _Progress(setup, progress),
         ]
         if model.num_timesteps < setup.steps:
@@ -88,11 +107,11 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
                 callback=CallbackList(callbacks),
                 reset_num_timesteps=False,
             )
-        policy = folder / "policy.zip"
-        _save(model, policy)
+            record.evaluate(model)
+            _checkpoint(folder, model)
     finally:
         streets.close()
-    return Trained(policy, model.num_timesteps, tuple(_read_evaluations(folder)))
+    return record.trained(model.num_timesteps)
 
 
 def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
@@ -119,10 +138,34 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
         pipeline = _pipeline(setup)
         encoder = None if setup.fusion == "ssi" else load_autoencoder()
         describer = Describer(pipeline, setup.fusion, encoder)
-        streets = DescribedStreets(streets, pipeline, describer)
-    streets = VecMonitor(streets)
+        streets = DescribedStreets(streets, pipeline, describer, speed=setup.speed)
+    if setup.frames > 1:
+        streets = VecFrameStack(streets, setup.frames)
+    # Monitored before they are scaled: returns are told as the rules give them.
+    streets = ScaledRewards(VecMonitor(streets), setup.learning.reward_scale)
     streets.seed(seed)
     return streets
+
+
+class ScaledRewards(VecEnvWrapper):
+    """Streets whose rewards are multiplied by a factor.
+
+    The value function has to reach the size of the returns, and from about 1 that takes many
+    updates if they are 50.
+    """
+
+    def __init__(self, streets: VecEnv, factor: float) -> None:
+        super().__init__(streets)
+        self._factor = factor
+
+    def reset(self) -> VecEnvObs:
+        """Start an episode in every street."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Return what the streets return, with scaled rewards."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self._factor * rewards, dones, infos
 
 
 def _pipeline(setup: Setup) -> ScenePipeline:
@@ -154,6 +197,11 @@ def _model(setup: Setup, streets: VecEnv, folder: Path) -> PPO:
             return PPO.load(path, env=streets, device="auto")
         except Exception as error:  # whatever unpickling half a file may raise
             log.warning("%s can't be read and is skipped: %s", path, error)
+    return new_model(setup, streets)
+
+
+def new_model(setup: Setup, streets: VecEnv) -> PPO:
+    """Return an untrained model with a setup's hyperparameters; it gives the streets its seed."""
     learning = setup.learning
     layers = list(learning.layers)
     return PPO(
@@ -164,14 +212,80 @@ def _model(setup: Setup, streets: VecEnv, folder: Path) -> PPO:
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
         },
-        **learning.model_dump(exclude={"layers", "log_std_init"}),
+        **learning.model_dump(exclude={"layers", "log_std_init", "reward_scale"}),
     )
 
 
-def _save(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model so that the file appears complete or not at all."""
-    with replacing(path) as part:
+def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
+    """Save a model, whole or not at all, beside the last few, and remove older ones."""
+    with replacing(folder / f"checkpoint-{model.num_timesteps:09d}.zip") as part:
         model.save(part)
+    for old in sorted(folder.glob("checkpoint-*.zip"))[:-_KEPT_CHECKPOINTS]:
+        old.unlink()
+
+
+# -- what is written down -------------------------------------------------------------------------
+
+
+class _Record:
+    """Episodes, evaluations, and the policy that did best in them.
+
+    Args:
+        setup: what is trained.
+        folder: of the training.
+        steps: that are done already; what is written of later ones is forgotten.
+    """
+
+    def __init__(self, setup: Setup, folder: Path, steps: int) -> None:
+        self._setup = setup
+        self._episodes = History(folder / "episodes.jsonl")
+        self._evaluations = History(folder / "evaluations.jsonl")
+        self._policy = PolicyFile(folder / "policy.safetensors")
+        histories = (self._episodes, self._evaluations)
+        for history in histories:
+            history.go_back_to(steps)
+        past = [row["seconds"] for history in histories for row in history.rows()]
+        self._clock = Clock(max(past, default=0.0))
+
+    def episode(self, steps: int, info: dict[str, Any]) -> None:
+        """Write down an episode that ended."""
+        row = {"steps": steps, "seconds": self._clock.seconds}
+        result = {"return": float(info["episode"]["r"]), "length": int(info["episode"]["l"])}
+        endings = {name: bool(info[name]) for name in ("is_success", "collision", "timeout")}
+        self._episodes.append({**row, **result, **endings})
+
+    def evaluate(self, model: BaseAlgorithm) -> None:
+        """Evaluate a policy, and keep it if none before was better."""
+        result = evaluate_policy(model, self._setup)
+        best = max(map(_goodness, self._evaluations.rows()), default=(-math.inf, -math.inf))
+        if _goodness(result) >= best:
+            self._policy.write(self._card(model.num_timesteps, result), model)
+        # The row comes last: whoever finds it finds the policy, too.
+        steps = {"steps": model.num_timesteps, "seconds": self._clock.seconds}
+        self._evaluations.append({**steps, **result})
+        for name, value in result.items():
+            model.logger.record(f"Evaluation/{name}", value)
+
+    def trained(self, steps: int) -> Trained:
+        """Return what came of the training so far."""
+        evaluations, episodes = self._evaluations.rows(), self._episodes.rows()
+        seconds = max(row["seconds"] for row in (*evaluations, *episodes))
+        return Trained(self._policy.path, steps, seconds, tuple(evaluations), tuple(episodes))
+
+    def _card(self, steps: int, evaluation: dict[str, float]) -> PolicyCard:
+        kb = sfol.KnowledgeBase.load(*self._setup.rules)
+        return PolicyCard(
+            setup=self._setup,
+            steps=steps,
+            knowledge_base=kb.name,
+            knowledge_base_hash=kb.hash,
+            evaluation=evaluation,
+            versions=versions(),
+        )
+
+
+def _goodness(evaluation: Row) -> tuple[float, float]:
+    return evaluation["success"], evaluation["return"]
 
 
 # -- callbacks ------------------------------------------------------------------------------------
@@ -196,22 +310,6 @@ class _BetweenUpdates(BaseCallback):
 
     def _on_step(self) -> bool:
         return True
-
-
-def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
-    """Save a model beside the last few, and remove older ones."""
-    _save(model, folder / f"checkpoint-{model.num_timesteps:09d}.zip")
-    for old in sorted(folder.glob("checkpoint-*.zip"))[:-_KEPT_CHECKPOINTS]:
-        old.unlink()
-
-
-def _record_evaluation(setup: Setup, folder: Path, model: BaseAlgorithm) -> None:
-    """Evaluate a policy, and write down what comes of it."""
-    result = evaluate_policy(model, setup)
-    for name, value in result.items():
-        model.logger.record(f"Evaluation/{name}", value)
-    with (folder / "evaluations.jsonl").open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"steps": model.num_timesteps, **result}) + "\n")
 
 
 class _Curriculum(BaseCallback):
@@ -264,6 +362,20 @@ class _RewardParts(BaseCallback):
                 self.logger.record_mean(f"{kind.capitalize()}/{part}", total / length)
 
 
+class _Episodes(BaseCallback):
+    """Writes down every episode that ends."""
+
+    def __init__(self, record: _Record) -> None:
+        super().__init__()
+        self._record = record
+
+    def _on_step(self) -> bool:
+        for info, done in zip(self.locals["infos"], self.locals["dones"], strict=True):
+            if done:
+                self._record.episode(self.num_timesteps, info)
+        return True
+
+
 class _Progress(BaseCallback):
     """Reports how far the training is."""
 
@@ -289,9 +401,9 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
         Shares of success, collision and timeout, and the mean return and length of an episode.
     """
     cells = tuple(dict.fromkeys(cell for stage in setup.stages for cell in stage.cells))
-    streets = make_streets(setup, cells, EVALUATION_SEEDS + 1000 * setup.seed, count=1)
+    streets = make_streets(setup, cells, EVALUATION_SEEDS + 1_000_000 * setup.seed)
     try:
-        infos = list(islice(_endings(model, streets), setup.evaluation_episodes))
+        infos = list(_endings(model, streets, setup.evaluation_episodes))
     finally:
         streets.close()
     return {
@@ -303,18 +415,18 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
     }
 
 
-def _endings(model: BaseAlgorithm, streets: VecEnv) -> Iterator[dict[str, Any]]:
-    """Yield the last info of one episode after the other."""
+def _endings(model: BaseAlgorithm, streets: VecEnv, episodes: int) -> Iterator[dict[str, Any]]:
+    """Yield the last info of each of the first episodes.
+
+    How many each street drives is settled beforehand. Were it the first to end that count, those
+    that end soon, in a collision, would be among them too often.
+    """
+    left = [len(range(street, episodes, streets.num_envs)) for street in range(streets.num_envs)]
     observations: Any = streets.reset()
-    while True:
+    while any(left):
         actions, _ = model.predict(observations, deterministic=True)
         observations, _, dones, infos = streets.step(actions)
-        if dones[0]:
-            yield infos[0]
-
-
-def _read_evaluations(folder: Path) -> list[dict[str, float]]:
-    file = folder / "evaluations.jsonl"
-    if not file.exists():
-        return []
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+        for street in np.flatnonzero(dones):
+            if left[street]:
+                left[street] -= 1
+                yield infos[street]

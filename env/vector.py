@@ -11,6 +11,7 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from env.description import Describer
+from env.observation import with_speed
 from env.pipeline import Scene, ScenePipeline
 from sfol.wrappers import log_items
 from vsr.segmentation import Frame
@@ -30,22 +31,32 @@ class DescribedStreets(VecEnvWrapper):
         streets: of `OccludedCrossing`, made with ``observation="frame"`` and ``perception="none"``.
         pipeline: perceives frames and has the reward.
         describer: makes the observations, float32 (D,), of frames and scenes.
+        speed: whether observations also have ego's speed, see `env.observation.with_speed`.
 
     Source: paper, section "Vector Semantic Representation".
     """
 
-    def __init__(self, streets: VecEnv, pipeline: ScenePipeline, describer: Describer) -> None:
-        space = spaces.Box(-np.inf, np.inf, (describer.dimension,), np.float32)
+    def __init__(
+        self,
+        streets: VecEnv,
+        pipeline: ScenePipeline,
+        describer: Describer,
+        *,
+        speed: bool = False,
+    ) -> None:
+        space = spaces.Box(-np.inf, np.inf, (describer.dimension + speed,), np.float32)
         super().__init__(streets, observation_space=space)
         self._pipeline = pipeline
         self._describer = describer
+        self._with_speed = speed
         self._scenes: list[Scene] = []
         self._speeds: list[float] = []
 
     def reset(self) -> Array:
         """Start an episode in every street and return the observations, float32 (B, D)."""
-        observations, self._scenes = self._describe(_frames(cast(Frames, self.venv.reset())))
+        frames = _frames(cast(Frames, self.venv.reset()))
         self._speeds = [info["speed"] for info in self.venv.reset_infos]
+        observations, self._scenes = self._describe(frames, self._speeds)
         return observations
 
     def step_wait(self) -> tuple[Array, Array, npt.NDArray[np.bool_], list[dict[str, Any]]]:
@@ -53,20 +64,25 @@ class DescribedStreets(VecEnvWrapper):
         streams, _, dones, infos = self.venv.step_wait()
         ended = np.flatnonzero(dones).tolist()
         last = [_frame(infos[i]["terminal_observation"]) for i in ended]
-        described, scenes = self._describe([*_frames(cast(Frames, streams)), *last])
-        rewards = np.array([self._reward(i, info) for i, info in enumerate(infos)], np.float32)
-        for i, observation in zip(ended, described[len(infos) :], strict=True):
-            infos[i]["terminal_observation"] = observation
-        self._scenes = scenes[: len(infos)]
-        self._speeds = [
+        speeds = [
             (self.venv.reset_infos[i] if done else info)["speed"]
             for i, (done, info) in enumerate(zip(dones, infos, strict=True))
         ]
+        described, scenes = self._describe(
+            [*_frames(cast(Frames, streams)), *last], [*speeds, *(infos[i]["speed"] for i in ended)]
+        )
+        rewards = np.array([self._reward(i, info) for i, info in enumerate(infos)], np.float32)
+        for i, observation in zip(ended, described[len(infos) :], strict=True):
+            infos[i]["terminal_observation"] = observation
+        self._scenes, self._speeds = scenes[: len(infos)], speeds
         return described[: len(infos)], rewards, dones, list(infos)
 
-    def _describe(self, frames: Sequence[Frame]) -> tuple[Array, list[Scene]]:
+    def _describe(
+        self, frames: Sequence[Frame], speeds: Sequence[float]
+    ) -> tuple[Array, list[Scene]]:
         scenes = self._pipeline.perceive(frames)
-        return self._describer(frames, scenes), scenes
+        vectors = self._describer(frames, scenes)
+        return with_speed(vectors, speeds) if self._with_speed else vectors, scenes
 
     def _reward(self, street: int, info: dict[str, Any]) -> float:
         """Return the reward of a street's step, and add what it is made of to the info."""

@@ -37,12 +37,16 @@ WorkersOption = Annotated[
 TrustOption = Annotated[
     bool, typer.Option("--trust", help="Load policy files from outside the project's folder, too.")
 ]
+CellOption = Annotated[
+    list[str] | None,
+    typer.Option(help="A cell, such as low/full. May be given several times.", show_default="all"),
+]
 DriverOption = Annotated[
     list[str] | None,
     typer.Option(
         "--driver",
         help="full_throttle, never_moves, crawl, ttc_brake, cautious, oracle, or a policy file "
-        "(.zip). May be given several times.",
+        "(.safetensors, or .zip of stable-baselines3). May be given several times.",
         show_default="cautious",
     ),
 ]
@@ -53,12 +57,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     *,
     driver: DriverOption = None,
     episodes: Annotated[int, typer.Option(min=1, help="Episodes per cell.")] = 100,
-    cell: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A cell, such as low/full. May be given several times.", show_default="all"
-        ),
-    ] = None,
+    cell: CellOption = None,
     traffic: Annotated[Traffic | None, typer.Option(help="Only cells with it.")] = None,
     occlusion: Annotated[CellOcclusion | None, typer.Option(help="Only cells with it.")] = None,
     perception: PerceptionOption = "simulator",

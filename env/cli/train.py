@@ -19,6 +19,7 @@ from rich.table import Table
 
 from env.cli.app import app
 from env.setup import load_setup, setup_names
+from env.study_results import training_name
 
 
 @app.command()
@@ -26,23 +27,27 @@ def train(
     setup: Annotated[
         str, typer.Option(help=f"A YAML file, or one of {', '.join(setup_names())}.")
     ] = "add",
+    seed: Annotated[int | None, typer.Option(help="Instead of the setup's.")] = None,
     output: Annotated[
-        Path | None, typer.Option(help="Folder of the training. [default: runs/train/<setup>]")
+        Path | None,
+        typer.Option(help="Folder of the training. [default: runs/train/<setup>-seed<seed>]"),
     ] = None,
 ) -> None:
     """Train a policy with PPO, or go on with a training that was stopped.
 
     A setup says what is trained: rules, observation, streets, hyperparameters. The folder holds
-    checkpoints, evaluations on streets that training never sees, tensorboard's files, and at the
-    end the policy, which `aeb evaluate --driver` takes. The same command goes on from the last
-    checkpoint.
+    checkpoints, tensorboard's files, evaluations on streets that training never sees, and the
+    policy that did best in them, which `aeb evaluate --driver` takes. The same command goes on
+    from the last checkpoint.
 
     Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
     """
     from env.training import train as run  # noqa: PLC0415  (slow to import, and few need it)
 
     chosen = load_setup(setup)
-    folder = output or Path("runs/train") / chosen.name
+    if seed is not None:
+        chosen = chosen.model_copy(update={"seed": seed})
+    folder = output or Path("runs/train") / training_name(chosen.name, chosen.seed)
     console = Console(highlight=False)
     columns = (
         TextColumn("{task.description:<24}"),
@@ -65,9 +70,10 @@ def train(
 
 def _table(evaluations: tuple[dict[str, float], ...]) -> Table:
     table = Table(title="Evaluations during training", title_justify="left")
-    for name in ("steps", "success", "collision", "timeout", "return", "length"):
+    for name in ("steps", "seconds", "success", "collision", "timeout", "return", "length"):
         table.add_column(name, justify="right")
     for row in evaluations:
         shares = (f"{row[name]:.0%}" for name in ("success", "collision", "timeout"))
-        table.add_row(f"{row['steps']:,}", *shares, f"{row['return']:.1f}", f"{row['length']:.0f}")
+        pace = (f"{row['steps']:,}", f"{row['seconds']:.0f}")
+        table.add_row(*pace, *shares, f"{row['return']:.1f}", f"{row['length']:.0f}")
     return table

@@ -3,10 +3,15 @@
 import json
 import logging
 
+import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
+from env import training
 from env.cli import app
+from env.history import History
+from env.policy_files import PolicyFile
 from env.setup import Setup, load_setup, setup_names
 from env.training import train
 from sfol import KnowledgeBase
@@ -72,6 +77,7 @@ def test_stages_follow_one_another():
         ("observation", "observaton", "observaton.*did you mean 'observation'"),
         ("state", "stat", "observation: Input should be"),
         ("[low]", "[slow]", "traffic"),
+        ("streets: 1", "speed: true", "has ego's speed anyway"),
         ("steps: 64", "steps: 0", "greater than 0"),
         ("version: 1", "version: [", "small.yaml:"),
     ],
@@ -115,11 +121,68 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
     assert "skipped" in caplog.text
     assert seen == list(range(17, 65))
     assert trained.steps == 64
-    assert trained.policy.is_file()
     assert not list(folder.glob("*.part*"))
 
     again = train(load_setup(setup_file), folder)  # there is nothing left to do
-    assert again.steps == 64
+    assert again == trained
+
+
+def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_path):
+    text = SMALL.replace("steps: 64", "steps: 128").replace("n_steps: 16", "n_steps: 64")
+    setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 64})
+    folder = tmp_path / "run"
+
+    def stop(steps, stage):
+        if steps == 100:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(setup, folder, progress=stop)
+    # As if this had been written after the last checkpoint:
+    History(folder / "episodes.jsonl").append({"steps": 90, "seconds": 1.0, "return": 0.0})
+    trained = train(setup, folder)
+    assert [row["steps"] for row in trained.evaluations] == [64, 128]
+    assert 90 not in {row["steps"] for row in trained.episodes}
+    assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+def test_the_policy_is_the_best_of_the_evaluations(setup_file, tmp_path, monkeypatch):
+    found = iter([(0.5, 1.0), (0.9, 2.0), (0.9, 1.0), (0.1, 9.0)])
+
+    def evaluate(model, setup):
+        success, total = next(found)
+        return {"success": success, "return": total}
+
+    monkeypatch.setattr(training, "evaluate_policy", evaluate)
+    setup = load_setup(setup_file).model_copy(update={"evaluation_steps": 16})
+    trained = train(setup, tmp_path / "run")
+    assert len(trained.evaluations) == 4
+    card = PolicyFile(trained.policy).card()
+    assert card.steps == trained.evaluations[1]["steps"] == 32
+    assert card.setup == setup
+    assert card.knowledge_base == "crossing"
+
+
+def test_every_street_drives_its_part_of_an_evaluation():
+    class Streets:
+        """Three streets; episodes of the first have one step, those of the others four."""
+
+        num_envs, step_number = 3, 0
+
+        def reset(self):
+            return np.zeros((3, 1))
+
+        def step(self, actions):
+            self.step_number += 1
+            dones = np.array([self.step_number % length == 0 for length in (1, 4, 4)])
+            return np.zeros((3, 1)), None, dones, [{"street": n} for n in range(3)]
+
+    class Model:
+        def predict(self, observations, deterministic):
+            return np.zeros((3, 1)), None
+
+    infos = list(training._endings(Model(), Streets(), 7))
+    assert sorted(info["street"] for info in infos) == [0, 0, 0, 1, 1, 2, 2]
 
 
 def test_a_folder_belongs_to_one_setup(setup_file, tmp_path):

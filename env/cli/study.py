@@ -1,0 +1,111 @@
+"""`aeb study`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from env.cells import CELLS, Cell
+from env.cli.app import app
+from env.cli.evaluate import CellOption, WorkersOption
+from env.cli.figures import DriversOption, figures_command
+from env.parallel import cores
+from env.setup import load_setup
+from env.study import StudyPlan, run_study
+from env.study_results import StudyFolder
+
+PAPER = ("add", "multiply", "ssi", "sf", "ce_ps", "pe_cs", "pe_ps", "risk_factors")
+
+
+@app.command()
+def study(  # noqa: PLR0913 (each is an option)
+    *,
+    setup: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A YAML file or a bundled name. May be given several times.",
+            show_default="the paper's eight",
+        ),
+    ] = None,
+    seed: Annotated[
+        list[int] | None,
+        typer.Option(help="Of a training. May be given several times.", show_default="0"),
+    ] = None,
+    cell: CellOption = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="In each cell. [default: 100; 1 with --quick]")
+    ] = None,
+    in_short: Annotated[
+        bool,
+        typer.Option("--quick", help="Three updates of PPO each: shows that everything works."),
+    ] = False,
+    workers: WorkersOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results. [default: runs/study; runs/quick with --quick]"),
+    ] = None,
+    drivers: DriversOption = Path("results/drivers"),
+    trainings: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of checkpoints and policies. [default: runs/train, which `aeb train` "
+            "uses, too; runs/quick/trainings with --quick]"
+        ),
+    ] = None,
+) -> None:
+    """Train setups, drive with each in all cells, and draw the paper's tables and figures.
+
+    Each setup is trained with each seed; the policy that did best in the evaluations on the way
+    drives the collision test. All of it is resumable: what has a result, made with the same setup,
+    rules and episodes, is not done again, and a training goes on from its last checkpoint.
+    In the end all is drawn, as by `aeb figures`.
+
+    For example `aeb study --quick`, in some ten minutes, or
+
+    `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
+    """
+    console = Console(highlight=False)
+    chosen = [load_setup(name) for name in setup or PAPER]
+    folder = output or Path("runs/quick" if in_short else "runs/study")
+    plan = StudyPlan(
+        setups=tuple(chosen),
+        seeds=tuple(seed or [0]),
+        cells=tuple(map(Cell.parse, cell)) if cell else CELLS,
+        episodes=episodes or (1 if in_short else 100),
+        in_short=in_short,
+        workers=workers or cores(),
+        trainings=trainings or (folder / "trainings" if in_short else Path("runs/train")),
+        results=StudyFolder(folder),
+    )
+    columns = (
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                for task in tasks.values():
+                    bars.stop_task(task)
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done)
+
+        run_study(plan, show)
+    console.print(f"Results: {folder}", soft_wrap=True)
+    figures_command(study=folder, drivers=drivers, output=folder / "figures")

@@ -1,0 +1,1 @@
+"""The study's tables and figures, made from result files alone; see `aeb figures`."""

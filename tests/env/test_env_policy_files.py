@@ -1,0 +1,133 @@
+"""Policies that `aeb train` writes: they need no trust, and drive as what was trained."""
+
+import json
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+
+import sfol
+from env.cells import Cell
+from env.crossing import OccludedCrossing
+from env.curriculum import StreetsInTurn
+from env.policies import TrainedDriver, make_driver
+from env.policy_files import PolicyCard, PolicyFile
+from env.setup import Setup
+from env.training import make_streets
+from sfol.errors import SfolError
+
+CELL = Cell("low", "partial")
+STREET = {"traffic": "low", "occlusion": "partial", "perception": "truth", "observation": "state"}
+
+
+def setup(**settings):
+    stages = [{"steps": 1, "traffic": ["low"], "occlusion": ["partial"]}]
+    network = {"learning": {"layers": [8, 4]}}
+    return Setup.model_validate(
+        {"version": 1, "name": "small", "stages": stages, **network, **settings}
+    )
+
+
+def write(path, model, chosen):
+    card = PolicyCard(
+        setup=chosen,
+        steps=1,
+        knowledge_base="crossing",
+        knowledge_base_hash="0",
+        evaluation={},
+        versions={},
+    )
+    PolicyFile(path).write(card, model)
+    return path
+
+
+def untrained(streets):
+    layers = {"pi": [8, 4], "vf": [8]}
+    return PPO("MlpPolicy", streets, policy_kwargs={"net_arch": layers}, seed=3, device="cpu")
+
+
+@pytest.fixture(scope="module")
+def streets():
+    streets = VecFrameStack(DummyVecEnv([lambda: OccludedCrossing(**STREET)]), 3)
+    yield streets
+    streets.close()
+
+
+@pytest.fixture(scope="module")
+def model(streets):
+    return untrained(streets)
+
+
+@pytest.fixture
+def policy(tmp_path, model):
+    chosen = setup(observation="state", perception="truth", frames=3)
+    return write(tmp_path / "small.safetensors", model, chosen)
+
+
+def test_it_drives_as_the_model_from_its_file_alone(policy, model, streets):
+    driver = make_driver(str(policy))  # outside the project's folder, and nobody trusts it
+    street = OccludedCrossing(**STREET)
+    for seed in (5, 6):  # a second episode knows nothing of the first
+        streets.seed(seed)
+        seen = streets.reset()
+        street.reset(seed=seed)
+        driver.reset()
+        for _ in range(6):
+            expected, _ = model.predict(seen, deterministic=True)
+            pedal = driver(street)
+            assert pedal == pytest.approx(expected.item(), abs=1e-6)
+            seen, *_ = streets.step(expected)
+            street.step(np.array([pedal], np.float32))
+    street.close()
+
+
+def test_it_observes_what_it_was_trained_on(tmp_path):
+    chosen = setup(observation="vsr", perception="simulator", fusion="ssi", speed=True, frames=2)
+    trained_on = make_streets(chosen, [CELL], seed=0, count=1)
+    path = write(tmp_path / "vsr.safetensors", untrained(trained_on), chosen)
+    trained_on.seed(7)  # the model has given it its own
+    driver = TrainedDriver(path)
+    kb = sfol.KnowledgeBase.load("crossing")
+    turn = StreetsInTurn((CELL,), rules=kb, observation="state", perception="simulator")
+    try:
+        expected = trained_on.reset()
+        turn.reset(seed=7)
+        for pedal in (1.0, 1.0, -0.5, 0.3):
+            np.testing.assert_allclose(driver.observe(turn.street), expected[0], atol=1e-5)
+            expected, *_ = trained_on.step(np.array([[pedal]], np.float32))
+            turn.step(np.array([pedal], np.float32))
+        assert np.abs(expected[0]).max() > 0.1
+    finally:
+        trained_on.close()
+        turn.close()
+
+
+@pytest.mark.parametrize(
+    ("break_it", "message"),
+    [
+        (lambda path: path.unlink(), "no policy file"),
+        (lambda path: path.with_suffix(".json").unlink(), "no card of a policy"),
+        (lambda path: path.with_suffix(".json").write_text("{}"), "no card of a policy"),
+        (lambda path: path.write_bytes(path.read_bytes()[:99]), "can't be read"),
+        (lambda path: _widen(path.with_suffix(".json")), "holds no policy"),
+    ],
+)
+def test_what_is_no_policy_is_an_error(policy, break_it, message):
+    break_it(policy)
+    with pytest.raises(SfolError, match=message):
+        make_driver(str(policy))
+
+
+def _widen(card):
+    content = json.loads(card.read_text())
+    content["setup"]["learning"]["layers"] = [64, 64]
+    card.write_text(json.dumps(content))
+
+
+def test_the_codebook_is_part_of_a_policy(tmp_path, model):
+    path = write(tmp_path / "vsr.safetensors", model, setup(observation="vsr", fusion="ssi"))
+    make_driver(str(path))
+    path.with_suffix(".codebook.safetensors").unlink()
+    with pytest.raises(SfolError, match="codebook"):
+        make_driver(str(path))

@@ -1,0 +1,32 @@
+"""A profile gives every sample of a training to one stage."""
+
+from env.profile import by_stage
+
+LEARN = "<module> (env/profile.py:1);train (env/profile.py:80);learn (sb3/ppo/ppo.py:300)"
+PERCEIVE = f"{LEARN};step_wait (env/vector.py:60);perceive (env/pipeline.py:77)"
+WORKER = "_worker (stable_baselines3/common/vec_env/subproc_vec_env.py:30);step (env/crossing.py:1)"
+
+
+def test_samples_belong_to_the_innermost_stage_that_they_are_in():
+    stages = by_stage(
+        [
+            "process 1;<module> (env/profile.py:1);load (torch/__init__.py:1) 1000",  # not yet
+            f"{LEARN};collect (sb3/on_policy.py:1) 10",
+            f"{PERCEIVE};find_entities (vsr/entities.py:9) 200",
+            f"{LEARN};__call__ (env/description.py:50) 30",
+            f"{LEARN};__call__ (env/description.py:50);encode (vsr/autoencoder.py:99) 400",
+            f"{WORKER};reset (env/crossing.py:1);capture (env/camera.py:20) 600",
+            f"{WORKER};_drive (env/crossing.py:250) 50",
+        ]
+    )
+    whole = sum(stages.values())
+    found = {stage: round(1290 * time / whole) for stage, time in stages.items() if time}
+    other = next(stage for stage in found if stage.startswith("all else"))
+    assert found == {
+        "perception": 200,
+        "descriptor": 30,
+        "encoder": 400,
+        "camera": 600,
+        "people and physics": 50,
+        other: 10,
+    }
