@@ -10,13 +10,13 @@ WORKER = "_worker (stable_baselines3/common/vec_env/subproc_vec_env.py:30);step 
 def test_samples_belong_to_the_innermost_stage_that_they_are_in():
     stages = by_stage(
         [
-            "process 1;<module> (env/profile.py:1);load (torch/__init__.py:1) 1000",  # not yet
-            f"{LEARN};collect (sb3/on_policy.py:1) 10",
-            f"{PERCEIVE};find_entities (vsr/entities.py:9) 200",
-            f"{LEARN};__call__ (env/description.py:50) 30",
-            f"{LEARN};__call__ (env/description.py:50);encode (vsr/autoencoder.py:99) 400",
-            f"{WORKER};reset (env/crossing.py:1);capture (env/camera.py:20) 600",
-            f"{WORKER};_drive (env/crossing.py:250) 50",
+            "process 1;<module> (env/profile.py:1);load (torch/__init__.py:1) 1000000",  # not yet
+            f"{LEARN};collect (sb3/on_policy.py:1) 10000",
+            f"{PERCEIVE};find_entities (vsr/entities.py:9) 200000",
+            f"{LEARN};__call__ (env/description.py:50) 30000",
+            f"{LEARN};__call__ (env/description.py:50);encode (vsr/autoencoder.py:99) 400000",
+            f"{WORKER};reset (env/crossing.py:1);capture (env/camera.py:20) 600000",
+            f"{WORKER};_drive (env/crossing.py:250) 50000",
         ]
     )
     whole = sum(stages.values())
