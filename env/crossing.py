@@ -53,22 +53,16 @@ class _Stretch:
     """What happened between two actions, at each instant of the physics.
 
     Attributes:
-        egos: ego's states, S of them.
+        fronts: float (S,), x of ego's front bumper, in m.
+        speeds: float (S,), of ego, in m/s.
         positions: float (S, N, 2), where the people were, in m.
         collided: whether it ended with a contact.
     """
 
-    egos: list[Ego]
+    fronts: Array
+    speeds: Array
     positions: Array
     collided: bool
-
-    @property
-    def fronts(self) -> Array:
-        return np.array([ego.position for ego in self.egos])
-
-    @property
-    def speeds(self) -> Array:
-        return np.array([ego.speed for ego in self.egos])
 
 
 class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -147,6 +141,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self._window = Window("OccludedCrossing") if render_mode == "human" else None
         self.control_dt = 1.0 / control_hz
         self._substeps = PHYSICS_HZ // control_hz
+        self._instants = np.arange(1, self._substeps + 1) / PHYSICS_HZ
         self._max_steps = math.ceil(max_seconds * control_hz)
         self.metadata = {**self.metadata, "render_fps": control_hz}
 
@@ -259,17 +254,19 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         egos = [self.ego.after(pedal, dt)]
         while len(egos) < self._substeps:
             egos.append(egos[-1].after(pedal, dt))
-        positions = self.people.paths(np.arange(1, self._substeps + 1) / PHYSICS_HZ)
-        contact = self._first_contact(egos, positions)
+        fronts = np.array([ego.position for ego in egos])
+        positions = self.people.paths(self._instants)
+        contact = self._first_contact(egos, fronts, positions)
         end = self._substeps if contact is None else contact + 1
         self.ego = egos[end - 1]
         self.people.advance(end * dt)
-        return _Stretch(egos[:end], positions[:end], contact is not None)
+        speeds = np.array([ego.speed for ego in egos[:end]])
+        return _Stretch(fronts[:end], speeds, positions[:end], contact is not None)
 
-    def _first_contact(self, egos: list[Ego], positions: Array) -> int | None:
+    def _first_contact(self, egos: list[Ego], fronts: Array, positions: Array) -> int | None:
         """Return the first instant at which ego, moving, touches somebody."""
         reach = PERSON_RADIUS + 0.1
-        fronts = np.array([ego.position for ego in egos])[:, None]
+        fronts = fronts[:, None]
         x, offset = positions[..., 0], positions[..., 1] - self.corridor.centre
         near = (
             (np.abs(offset) < self.corridor.width / 2 + reach)
@@ -361,7 +358,7 @@ def _segmenter(perception: Perception, kb: sfol.KnowledgeBase) -> Segmenter:
 
 
 def _pedal(action: npt.NDArray[np.float32]) -> float:
-    numbers = np.asarray(action, float).ravel()
-    if numbers.size != 1 or not np.isfinite(numbers[0]):
+    numbers = np.asarray(action, float).ravel().tolist()
+    if len(numbers) != 1 or not math.isfinite(numbers[0]):
         raise UsageError(f"an action is one finite number, not {action}", name="action")
-    return float(np.clip(numbers[0], -1.0, 1.0))
+    return min(max(numbers[0], -1.0), 1.0)

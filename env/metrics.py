@@ -36,10 +36,10 @@ def time_to_collision(gaps: npt.ArrayLike, closing_speeds: npt.ArrayLike) -> Arr
         In s; infinite where nothing closes: at rest, when moving apart, and for what is passed
         already (gap < 0).
     """
-    gaps, speeds = np.broadcast_arrays(np.asarray(gaps, float), np.asarray(closing_speeds, float))
-    times = np.full(gaps.shape, np.inf)
-    np.divide(gaps, speeds, out=times, where=(speeds > 0.0) & (gaps >= 0.0))
-    return times
+    gaps, speeds = np.asarray(gaps, float), np.asarray(closing_speeds, float)
+    closes = (speeds > 0.0) & (gaps >= 0.0)
+    times: Array = np.full(closes.shape, np.inf)
+    return np.divide(gaps, speeds, out=times, where=closes)
 
 
 def stopping_distance(

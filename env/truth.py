@@ -12,8 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import product
+from itertools import compress, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +33,10 @@ Array = npt.NDArray[np.floating[Any]]
 _LEG, _TOE, _HEEL, _ARMS, _FRONT, _SIDE = 0.88, 0.15, 0.07, 0.30, 0.16, 0.12
 _LIMBS = 0.07  # share of the columns beside the body that arms and legs fill
 _POST_HEIGHT = 3.0  # m; what is above hides nobody from a lens at 1.5 m
+
+_NAMES = {kind: kind.name.lower() for kind in SemanticClass}
+_FOOT = np.array([[_TOE], [_HEEL]])
+_SIDES = np.array([[-1.0], [1.0], [-1.0], [1.0]])  # left and right
 
 
 class _Upright(NamedTuple):
@@ -56,8 +59,7 @@ class _Upright(NamedTuple):
     bottom: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Hull:
+class _Hull(NamedTuple):
     """A parked vehicle as the rays meet it.
 
     Attributes:
@@ -65,19 +67,18 @@ class _Hull:
         depths: float (W,), where each ray enters, in m; infinite where it misses.
         tops: float (W,), its upper edge in each column, in px.
         bottoms: float (W,), its lower edge, in px; 0 where the ray misses.
+        edges: depth and upper edge in each column in which a ray meets it.
+        nearest: the least depth, in m.
+        farthest: the greatest one, in m.
     """
 
     kind: SemanticClass
     depths: Array
     tops: Array
     bottoms: Array
-
-    @cached_property
-    def columns(self) -> dict[int, tuple[float, float]]:
-        """Depth and upper edge in each column in which a ray meets it."""
-        hit = np.flatnonzero(self.bottoms)
-        edges = zip(self.depths[hit].tolist(), self.tops[hit].tolist(), strict=True)
-        return dict(zip(hit.tolist(), edges, strict=True))
+    edges: dict[int, tuple[float, int]]
+    nearest: float
+    farthest: float
 
 
 @dataclass
@@ -134,10 +135,18 @@ class _Vehicle(NamedTuple):
 
     def rows(self, columns: slice, box: Box) -> float:
         """Return how many of its pixels lie in these columns and in the rows of a box."""
+        own = self.entity.box
+        if columns.start >= own.right or columns.stop <= own.left:
+            return 0.0
         rows = np.minimum(self.bottoms[columns], box.bottom) - np.maximum(
             self.tops[columns], box.top
         )
         return float(np.maximum(rows, 0.0).sum())
+
+    def covers(self, row: int, column: int) -> bool:
+        """Tell whether a pixel is its."""
+        _, left, _, right = self.entity.box
+        return left <= column < right and bool(self.tops[column] <= row < self.bottoms[column])
 
 
 class TruthPerception:
@@ -160,6 +169,10 @@ class TruthPerception:
         self._columns = np.arange(lens.size) + 1e-6
         # How far right of the lens each ray is after 1 m, in m.
         self._rays = (self._columns - self._pinhole.middle) / self._pinhole.focal
+        self._steepness = 1.0 / -float(self._rays[0])
+        # Every entity fills its box, so that all masks are parts of this one.
+        self._filled = np.ones((lens.size, lens.size), np.bool_)
+        self._filled.flags.writeable = False
 
     def perceive(self, front: float, people: Walkers) -> Scene:
         """Return what the dash camera could see.
@@ -173,9 +186,7 @@ class TruthPerception:
         """
         lens = front - self._lens.setback
         uprights = self._uprights(lens, people)
-        hulls = [
-            self._hull(lens, vehicle) for vehicle in self._world.parked if _front(vehicle) > lens
-        ]
+        hulls = list(self._hulls(lens))
         persons = self._persons(uprights, hulls)
         vehicles = list(self._vehicles(hulls, uprights))
         crosswalks = list(self._crosswalks(lens))
@@ -189,59 +200,71 @@ class TruthPerception:
 
     def _uprights(self, lens: float, people: Walkers) -> list[_Upright]:
         """Return the people and posts in view, the nearest first."""
-        lane, near = self._world.geometry.ego_lane, self._lens.near
-        steepness = 1.0 / -self._rays[0]
-        swings = np.abs(leg_swings(people.phases, people.speeds))
-        looks = np.column_stack([people.positions, people.headings, swings, self._world.heights])
-        uprights = [
-            self._person(x - lens, lane - y, heading, swing, height)
-            for x, y, heading, swing, height in looks.tolist()
-            if x - lens > near and (abs(lane - y) - _ARMS) * steepness < x - lens
-        ]
-        return sorted([*uprights, *self._posts(lens)])
-
-    def _posts(self, lens: float) -> list[_Upright]:
-        """Return tree trunks, lamps and sign posts in view."""
-        x, y, radius = self._world.posts.T
+        camera, near, size = self._pinhole, self._lens.near, self._lens.size
+        x, y, sides, heights, feet = self._outlines(people)
         depths, right = x - lens, self._world.geometry.ego_lane - y
-        ahead = depths > self._lens.near
-        depths, right, radius = depths[ahead], right[ahead], radius[ahead]
-        scale = self._pinhole.focal / depths
-        first = np.ceil(self._pinhole.middle + (right - radius) * scale)
-        last = np.ceil(self._pinhole.middle + (right + radius) * scale)
-        spans = np.minimum(np.maximum([first, last], 0), self._lens.size).astype(int).T.tolist()
-        tops = self._rows(_POST_HEIGHT, depths).astype(int).tolist()
-        return [
-            _Upright(depth, False, (first, last), (first, last), top, self._lens.size)
-            for depth, (first, last), top in zip(depths.tolist(), spans, tops, strict=True)
-            if first < last
-        ]
+        # Nobody's body is broader than with the arms, and no post is.
+        in_view = (depths > near) & ((np.abs(right) - _ARMS) * self._steepness < depths)
+        depths = np.maximum(depths, near)
+        columns = np.ceil(camera.middle + (right + sides) * (camera.focal / depths))
+        first, last, left, rest = np.minimum(np.maximum(columns, 0.0), size).astype(int).tolist()
+        rows = self._rows(heights, np.maximum(depths - feet, near)).astype(int).tolist()
+        persons = [True] * len(people) + [False] * len(self._world.posts)
+        bodies, reaches = zip(first, last, strict=True), zip(left, rest, strict=True)
+        looks = zip(depths.tolist(), persons, bodies, reaches, *rows, strict=True)
+        return sorted(map(_Upright._make, compress(looks, in_view.tolist())))
 
-    def _person(
-        self, depth: float, right: float, heading: float, swing: float, height: float
-    ) -> _Upright:
-        """Return a person, as broad as heading and stride make it."""
-        street = self._world.geometry
-        across, along = math.sin(heading), abs(math.cos(heading))
-        sideways = abs(across)
-        forward, back = _LEG * swing + _TOE, _LEG * swing + _HEEL
-        before, behind = max(forward * sideways, _ARMS * along), max(back * sideways, _ARMS * along)
-        left, rest = (before, behind) if across > 0.0 else (behind, before)
-        half = _FRONT * along + _SIDE * sideways
-        feet = max(depth - forward * along - _HEEL * sideways, self._lens.near)
-        on_road = street.near_kerb <= street.ego_lane - right <= street.far_kerb
-        base = 0.0 if on_road else street.kerb_height
-        return _Upright(
-            depth=depth,
-            person=True,
-            body=self._span(depth, right - half, right + half),
-            reach=self._span(depth, right - left, right + rest),
-            top=self._row(base + height, depth),
-            bottom=self._row(base, feet),
-        )
+    def _outlines(self, people: Walkers) -> tuple[Array, Array, Array, Array, Array]:
+        """Return what stands upright, the people first: posts are people without arms and legs.
 
-    def _hull(self, lens: float, vehicle: ParkedVehicle) -> _Hull:
-        """Meet the boxes of a vehicle (Kay and Kajiya, "Ray Tracing Complex Scenes", 1986)."""
+        Returns:
+            In m: x and y, float (K,); how far to the right of y the body begins and ends and, as
+            heading and stride make it, arms and legs do, (4, K); the heights of head and ground,
+            (2, K); how far before x head and feet are, (2, K).
+        """
+        street, count = self._world.geometry, len(people)
+        posts_x, posts_y, radius = self._world.posts.T
+        # Filling one array is faster than stacking many, which tells where ten people walk.
+        parts = np.zeros((10, count + len(radius)))
+        x, y, sides, heights, feet = parts[0], parts[1], parts[2:6], parts[6:8], parts[8:]
+        x[count:], y[count:] = posts_x, posts_y
+        sides[:, count:], heights[0, count:] = _SIDES * radius, _POST_HEIGHT
+
+        x[:count], y[:count] = people.positions.T
+        across, along = np.sin(people.headings), np.abs(np.cos(people.headings))
+        sideways = np.abs(across)
+        swings = _LEG * np.abs(leg_swings(people.phases, people.speeds))
+        strides = swings + _FOOT
+        limbs = np.maximum(strides * sideways, _ARMS * along)
+        sides[:2, :count] = _FRONT * along + _SIDE * sideways
+        sides[2:, :count] = np.where(across > 0.0, limbs, limbs[::-1])
+        sides[:, :count] *= _SIDES
+        feet[1, :count] = strides[0] * along + _HEEL * sideways
+        heights[:, :count] = np.where(street.on_sidewalk(y[:count]), street.kerb_height, 0.0)
+        heights[0, :count] += self._world.heights
+        return x, y, sides, heights, feet
+
+    def _hulls(self, lens: float) -> Iterator[_Hull]:
+        """Yield the parked vehicles that some ray meets."""
+        for vehicle in self._world.parked:
+            if _front(vehicle) <= lens:
+                continue
+            depths, tops, bottoms = self._meet(lens, vehicle)
+            (hit,) = bottoms.nonzero()
+            if hit.size:
+                entered = depths[hit].tolist()
+                edges = zip(entered, tops[hit].astype(int).tolist(), strict=True)
+                columns = dict(zip(hit.tolist(), edges, strict=True))
+                yield _Hull(
+                    vehicle.kind, depths, tops, bottoms, columns, min(entered), max(entered)
+                )
+
+    def _meet(self, lens: float, vehicle: ParkedVehicle) -> tuple[Array, Array, Array]:
+        """Meet the boxes of a vehicle (Kay and Kajiya, "Ray Tracing Complex Scenes", 1986).
+
+        Returns:
+            Depths, upper and lower edges, as of `_Hull`.
+        """
         size, near = self._lens.size, self._lens.near
         centre = self._world.geometry.ego_lane - vehicle.place[1]
         axle = vehicle.place[0] - 0.31 * vehicle.size.length - lens
@@ -249,13 +272,15 @@ class TruthPerception:
         left, right = (centre - half) / self._rays, (centre + half) / self._rays
         enter = np.maximum(np.minimum(left, right), np.maximum(first - lens, near))
         leave = np.minimum(np.maximum(left, right), last - lens)
-        hit = enter < leave
+        missed = enter >= leave
         edge = np.where(height < self._pinhole.height, leave, enter)
-        tops = np.where(hit, self._rows(height, np.where(hit, edge, 1.0)), size)
+        tops = self._rows(height, np.maximum(edge, near))
+        enter[missed], tops[missed] = np.inf, size
+        depths = enter.min(axis=0)
         # It meets the ground with its wheels.
-        bottoms = np.where(hit, self._rows(0.0, np.maximum(enter, axle)), 0.0)
-        depths = np.where(hit, enter, np.inf)
-        return _Hull(vehicle.kind, depths.min(axis=0), tops.min(axis=0), bottoms.max(axis=0))
+        bottoms = self._rows(0.0, np.maximum(depths, axle))
+        bottoms[missed.all(axis=0)] = 0.0
+        return depths, tops.min(axis=0), bottoms
 
     def _rows(self, heights: Array | float, depths: Array) -> Array:
         """Return the first rows that show what is below these heights at these depths, in m."""
@@ -269,13 +294,6 @@ class TruthPerception:
         camera = self._pinhole
         edge = camera.horizon + camera.focal * (camera.height - height) / depth
         return min(max(math.ceil(edge) - 1, 0), self._lens.size)
-
-    def _span(self, depth: float, left: float, right: float) -> tuple[int, int]:
-        """Return the first column between two sides at a depth, and the one after the last."""
-        middle, size = self._pinhole.middle, self._lens.size
-        scale = self._pinhole.focal / depth
-        first, last = math.ceil(middle + left * scale), math.ceil(middle + right * scale)
-        return min(max(first, 0), size), min(max(last, 0), size)
 
     # What is visible of it
 
@@ -291,7 +309,7 @@ class TruthPerception:
                     _add(cluster, clusters)
             hidden[first:last] = b"\1" * (last - first)
         return [
-            _Person(_entity(SemanticClass.PEDESTRIAN, number, cluster.box), cluster.reach)
+            _Person(self._entity(SemanticClass.PEDESTRIAN, number, cluster.box), cluster.reach)
             for number, cluster in enumerate(clusters, start=1)
         ]
 
@@ -300,23 +318,22 @@ class TruthPerception:
     ) -> _Cluster | None:
         """Return what is visible of one person, or None where it is too little."""
         top, (first, last) = upright.top, upright.body
-        bottoms = {column: upright.bottom for column in range(*upright.reach) if not hidden[column]}
-        for hull in hulls:
-            for column in bottoms.keys() & hull.columns.keys():
-                depth, edge = hull.columns[column]
-                if depth < upright.depth:
-                    bottoms[column] = min(bottoms[column], int(edge))
-        rows = {column: bottom - top for column, bottom in bottoms.items() if bottom > top}
-        areas = {
-            column: count * (1.0 if first <= column < last else _LIMBS)
-            for column, count in rows.items()
-        }
-        if sum(areas.values()) < self._grounding.minimum_area:
+        height, columns = upright.bottom - top, range(*upright.reach)
+        # Many are too far away or behind others, which shows before their pixels are counted.
+        too_small = height * len(columns) < self._grounding.minimum_area
+        if too_small or hidden.find(0, *upright.reach) < 0:
             return None
-        lowest = max(rows.values())
+        rows = {column: height for column in columns if not hidden[column]}
+        for hull in hulls:
+            if hull.nearest < upright.depth:
+                _hide(rows, upright, hull)
+        body = [rows[column] for column in range(first, last) if column in rows]
+        counts = list(rows.values())
+        if _area(sum(counts), sum(body)) < self._grounding.minimum_area:
+            return None
+        lowest = max(counts)
         # An arm or two beside a body whose feet are hidden don't show where it stands.
-        shown = sum(areas[column] for column, count in rows.items() if count == lowest)
-        body = [rows[column] for column in rows if first <= column < last]
+        shown = _area(lowest * counts.count(lowest), lowest * body.count(lowest))
         if body and shown < self._grounding.minimum_area:
             lowest = max(body)
         box = Box(top, min(rows), top + lowest, max(rows) + 1)
@@ -328,21 +345,24 @@ class TruthPerception:
         for hull in hulls:
             bottoms = hull.bottoms.copy()
             for other in hulls:
-                np.minimum(bottoms, other.tops, out=bottoms, where=other.depths < hull.depths)
-            farthest = float(hull.depths.max(initial=0.0, where=np.isfinite(hull.depths)))
+                if other is not hull:
+                    nearer = other.depths < hull.depths
+                    np.minimum(bottoms, other.tops, out=bottoms, where=nearer)
             for upright in uprights:
-                if upright.depth >= farthest:
+                if upright.depth >= hull.farthest:
                     break
+                if hull.edges.keys().isdisjoint(range(*upright.body)):
+                    continue
                 part = slice(*upright.body)
                 nearer = upright.depth < hull.depths[part]
                 np.minimum(bottoms[part], upright.top, out=bottoms[part], where=nearer)
             rows = np.maximum(bottoms - hull.tops, 0.0)
             if rows.sum() >= self._grounding.minimum_area:
                 numbers[hull.kind] += 1
-                columns = np.flatnonzero(rows)
+                (columns,) = rows.nonzero()
                 top, bottom = hull.tops[columns].min(), bottoms[columns].max()
                 box = Box(int(top), int(columns[0]), int(bottom), int(columns[-1]) + 1)
-                yield _Vehicle(_entity(hull.kind, numbers[hull.kind], box), hull.tops, bottoms)
+                yield _Vehicle(self._entity(hull.kind, numbers[hull.kind], box), hull.tops, bottoms)
 
     def _crosswalks(self, lens: float) -> Iterator[Entity]:
         """Yield the crosswalk if a row of pixels shows it; somewhere across the road one does."""
@@ -356,7 +376,7 @@ class TruthPerception:
         left, right = (self._pinhole.middle + side * scale for side in sides)
         box = Box(top, max(int(left), 0), bottom, min(int(right), self._lens.size))
         if (box.bottom - box.top) * (box.right - box.left) >= self._grounding.minimum_area:
-            yield _entity(SemanticClass.CROSSWALK, 1, box)
+            yield self._entity(SemanticClass.CROSSWALK, 1, box)
 
     def _ground(
         self, lens: float, person: Entity, vehicles: Sequence[_Vehicle]
@@ -370,9 +390,8 @@ class TruthPerception:
         first = min(person.bottom, self._lens.size - 1)
         column = int(person.centre[1])
         for row in range(first, min(first + self._grounding.window, self._lens.size)):
-            covered = any(v.tops[column] <= row < v.bottoms[column] for v in vehicles)
             depth = camera.distance(row + 1)
-            if covered or math.isinf(depth):
+            if math.isinf(depth) or any(v.covers(row, column) for v in vehicles):
                 continue
             y = street.ego_lane - float(self._rays[column]) * depth
             if not street.near_kerb <= y <= street.far_kerb:
@@ -380,6 +399,10 @@ class TruthPerception:
             across = street.crosswalk[0] <= lens + depth < street.crosswalk[1]
             return SemanticClass.CROSSWALK if across else SemanticClass.ROAD
         return None
+
+    def _entity(self, kind: SemanticClass, number: int, box: Box) -> Entity:
+        mask = self._filled[: box.bottom - box.top, : box.right - box.left]
+        return Entity(f"{_NAMES[kind]}{number}", kind, 1.0, box, mask)
 
     # What it means
 
@@ -448,17 +471,36 @@ class TruthPerception:
                 continue
             rows = np.arange(crosswalk.box.top, crosswalk.box.bottom)[:, None] + 0.5
             left, right = (self._pinhole.columns(side, rows) for side in self._grounding.road)
-            band = (self._columns > left) & (self._columns < right)
-            before = band & (rows > vehicle.tops) & (rows < vehicle.bottoms)
+            part = vehicle.entity.box.area[1]
+            band = (self._columns[part] > left) & (self._columns[part] < right)
+            before = band & (rows > vehicle.tops[part]) & (rows < vehicle.bottoms[part])
             if np.count_nonzero(before) >= self._grounding.minimum_pixels:
                 yield "Occludes", vehicle.entity.name, crosswalk.name
 
     def _in_lane(self, vehicle: _Vehicle) -> bool:
         """Tell whether a vehicle's lower outline, projected to the road, is in ego's lane."""
-        laterals = self._pinhole.laterals(self._columns, vehicle.bottoms)
+        part = vehicle.entity.box.area[1]
+        laterals = self._pinhole.laterals(self._columns[part], vehicle.bottoms[part])
         inside = np.abs(laterals) < self._grounding.lane_half_width
-        visible = vehicle.bottoms > vehicle.tops
+        visible = vehicle.bottoms[part] > vehicle.tops[part]
         return bool(np.count_nonzero(inside & visible) >= self._grounding.minimum_pixels)
+
+
+def _hide(rows: dict[int, int], upright: _Upright, hull: _Hull) -> None:
+    """Take away those of a person's rows, column by column, that a vehicle before it hides."""
+    for column in rows.keys() & hull.edges.keys():
+        depth, edge = hull.edges[column]
+        if depth >= upright.depth:
+            continue
+        if edge <= upright.top:
+            del rows[column]
+        else:
+            rows[column] = min(rows[column], edge - upright.top)
+
+
+def _area(pixels: int, body: int) -> float:
+    """Return how much of a person shows in all these columns, in px, given the body's share."""
+    return body + _LIMBS * (pixels - body)
 
 
 def _add(cluster: _Cluster, clusters: list[_Cluster]) -> None:
@@ -491,8 +533,3 @@ def _blocks(vehicle: ParkedVehicle) -> list[tuple[float, float, float, float]]:
         (rear, front - 0.1, side - 0.015, 0.6 * top),
         (x - 0.42 * length, x + 0.16 * length, side - 0.14, top),
     ]
-
-
-def _entity(kind: SemanticClass, number: int, box: Box) -> Entity:
-    filled = np.ones((box.bottom - box.top, box.right - box.left), np.bool_)
-    return Entity(f"{kind.name.lower()}{number}", kind, 1.0, box, filled)

@@ -10,19 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from sfol.facts import Facts
+from sfol.facts import Bound, Facts
 from vsr.classes import CLASS_COUNT, DYNAMIC_CLASSES, SemanticClass
 from vsr.entities import Area, ClassMap, Direction, Entity, class_map
 from vsr.grounding import Camera, SegmentationGrounding, UnratedPredicate
 
 FloatArray = NDArray[np.floating[Any]]
 UnratedAtom = tuple[UnratedPredicate, *tuple[str, ...]]
+
+_PREDICATES = {kind: kind.name.capitalize() for kind in SemanticClass}
 
 # The three grounds of which a pedestrian stands on one. On equal evidence the first counts: it is
 # the one that asks for more care. A road's markings are part of it.
@@ -79,11 +82,22 @@ def add_facts(
     Returns:
         The same facts.
     """
+    certain = Bound.around(1.0, facts.margin)  # as most are, so that it is made once
     for entity in entities:
-        facts.add(entity.kind.name.capitalize(), entity.name, confidence=entity.confidence)
+        predicate = _PREDICATES[entity.kind]
+        if entity.confidence == 1.0:
+            facts.add(predicate, entity.name, bound=certain)
+        else:
+            facts.add(predicate, entity.name, confidence=entity.confidence)
     for predicate, *constants in atoms:
-        facts.add(predicate, *constants, bound=grounding.bounds.get(predicate))
+        pair = grounding.bounds.get(predicate)
+        facts.add(predicate, *constants, bound=None if pair is None else _bound(*pair))
     return facts
+
+
+@lru_cache(maxsize=32)  # a knowledge base has few, and they come at every step
+def _bound(lower: float, upper: float) -> Bound:
+    return Bound.checked(lower, upper)
 
 
 def _unrated_atoms(
@@ -152,7 +166,7 @@ class Pinhole:
 
     def _pixels_per_metre(self, rows: FloatArray) -> FloatArray:
         # f/Z, which is the drop below the horizon over h; above the horizon there is no road
-        below: FloatArray = np.clip(rows - self.horizon, 0.0, None)
+        below: FloatArray = np.maximum(rows - self.horizon, 0.0)
         return below / self.height
 
 
