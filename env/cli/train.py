@@ -30,7 +30,7 @@ def train(
     seed: Annotated[int | None, typer.Option(help="Instead of the setup's.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option(help="Folder of the training. [default: runs/train/<setup>-seed<seed>]"),
+        typer.Option(help="Folder of the training. [default: runs/train/SETUP-seedN]"),
     ] = None,
 ) -> None:
     """Train a policy with PPO, or go on with a training that was stopped.
