@@ -58,7 +58,9 @@ def _lukasiewicz(values: Sequence[float]) -> float:
 
 
 def _probabilistic_sum(values: Sequence[Any]) -> Any:
-    return 1.0 - math.prod(1.0 - value for value in values)
+    # 1 - (1 - x) is 0 for a tiny x. Added up like this, one value is itself, and what is above zero
+    # stays above zero.
+    return reduce(lambda total, value: total + value * (1.0 - total), values)
 
 
 def _average_arrays(values: Sequence[Array]) -> Array:

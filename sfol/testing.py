@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 from sfol.errors import SfolError
 from sfol.facts import Bound, Facts
@@ -290,7 +291,7 @@ _CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
 }
 _DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "maximum": max,
-    "probabilistic_sum": lambda values: 1.0 - math.prod(1.0 - value for value in values),
+    "probabilistic_sum": lambda values: reduce(lambda a, b: a + b - a * b, values),
 }
 
 

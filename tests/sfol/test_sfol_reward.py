@@ -5,9 +5,12 @@ import math
 import pickle
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from sfol import Atom, Facts, RewardFunction
 from sfol.errors import FactError, FormulaError, InvalidKnowledgeBase, SignalError, UsageError
+from sfol.operators import DISJUNCTIONS
 
 ROAD = {"v": 6.0, "v_next": 5.5, "d": 9.0}
 
@@ -179,6 +182,16 @@ def test_probabilistic_sum(kitchen):
     kb = kitchen(changes, semantics="disjunction: probabilistic_sum, conjunction: product")
     text = "Near(p, cook). Hot(p). Pot(p): [0.5, 0.6]. Hot(cook): [0.2, 0.3]."
     assert careful(kb, text) == pytest.approx((1 - 0.5 * 0.8, 1 - 0.4 * 0.7))
+
+
+@example([1e-300])
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5))
+def test_a_probabilistic_sum_is_a_truth_value_above_zero_if_one_of_its_values_is(values):
+    combined = DISJUNCTIONS["probabilistic_sum"].combine(values)
+    assert combined == pytest.approx(1.0 - math.prod(1.0 - value for value in values), abs=1e-12)
+    assert combined <= 1.0
+    assert (combined > 0.0) == (max(values) > 0.0)  # however small, where 1 - (1 - x) is 0
+    assert combined == DISJUNCTIONS["probabilistic_sum"].combine([*values, 0.0])
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("midpoint", 0.85), ("lower", 0.8), ("upper", 0.9)])
