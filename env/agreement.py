@@ -185,9 +185,9 @@ def compare(frames: Iterable[Sight]) -> dict[Claim, Agreement]:
     counts: dict[Claim, Counter[str]] = defaultdict(Counter)
     for frame in frames:
         for claim in frame.truth[0]:
-            counts[claim].update(truth=1, confirmed=claim in frame.simulator[1])
+            counts[claim].update(truth=1, confirmed=int(claim in frame.simulator[1]))
         for claim in frame.simulator[0]:
-            counts[claim].update(simulator=1, found=claim in frame.truth[1])
+            counts[claim].update(simulator=1, found=int(claim in frame.truth[1]))
     return {claim: Agreement(**counts[claim]) for claim in sorted(counts)}
 
 
