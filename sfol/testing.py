@@ -291,7 +291,8 @@ _CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
 }
 _DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "maximum": max,
-    "probabilistic_sum": lambda values: reduce(lambda a, b: a + b - a * b, values),
+    # 1 - Π (1 - x), in the one form that rounds neither 0 nor 1 away from where thresholds are.
+    "probabilistic_sum": lambda values: reduce(lambda a, b: a + b * (1.0 - a), values),
 }
 
 
