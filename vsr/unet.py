@@ -9,7 +9,8 @@ import numpy as np
 import segmentation_models_pytorch
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from segmentation_models_pytorch.decoders.unet.decoder import UnetDecoderBlock
+from torch import Tensor, nn
 
 from vsr.classes import CLASS_COUNT
 from vsr.inference import Precision, Runner, default_device
@@ -18,7 +19,41 @@ from vsr.weights import load_weights
 
 # Half as wide as the library's default: speed counts, and the street is not that rich.
 DECODER_CHANNELS = (128, 64, 32, 16, 16)
-ARCHITECTURE = f"UNet, ResNet18 encoder, decoder {DECODER_CHANNELS}, 1 channel to {CLASS_COUNT}"
+DETAIL_CHANNELS = 16
+ARCHITECTURE = (
+    f"UNet, ResNet18 encoder, decoder {DECODER_CHANNELS}, {DETAIL_CHANNELS} channels of detail, "
+    f"1 channel to {CLASS_COUNT}"
+)
+
+
+class _UNet(segmentation_models_pytorch.Unet):  # type: ignore[misc]
+    """The library's UNet, with a skip connection at the full resolution as well.
+
+    The encoder's first stage halves the sides, so its finest features are two pixels wide; arms and
+    legs are as thin as that.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(
+            "resnet18",
+            encoder_weights=None,
+            in_channels=1,
+            classes=CLASS_COUNT,
+            decoder_channels=DECODER_CHANNELS,
+        )
+        self.detail = nn.Sequential(
+            nn.Conv2d(1, DETAIL_CHANNELS, kernel_size=5, padding=2, bias=False),
+            nn.BatchNorm2d(DETAIL_CHANNELS),
+            nn.ReLU(),
+        )
+        before, last = DECODER_CHANNELS[-2:]
+        self.decoder.blocks[-1] = UnetDecoderBlock(before, DETAIL_CHANNELS, last)
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        first, *deeper = self.encoder(pictures)
+        decoded = self.decoder([first, self.detail(pictures), *deeper])
+        logits: Tensor = self.segmentation_head(decoded)
+        return logits
 
 
 def build_unet() -> nn.Module:
@@ -26,14 +61,7 @@ def build_unet() -> nn.Module:
 
     Source: paper, section "Semantic Segmentation Maps"; Ronneberger et al., "U-Net", 2015.
     """
-    unet: nn.Module = segmentation_models_pytorch.Unet(
-        "resnet18",
-        encoder_weights=None,
-        in_channels=1,
-        classes=CLASS_COUNT,
-        decoder_channels=DECODER_CHANNELS,
-    )
-    return unet
+    return _UNet()
 
 
 def load_unet(file: Path) -> nn.Module:
