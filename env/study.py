@@ -88,7 +88,7 @@ def _study_one(plan: StudyPlan, setup: Setup, progress: Progress) -> None:
     rules = sfol.KnowledgeBase.load(*setup.rules)
     if _is_complete(plan, setup, name, rules):
         return
-    policy = _trained(plan, setup, name, progress)
+    policy = _trained(plan, setup, rules, progress)
     drives = [
         Drive(
             driver=str(policy),
@@ -118,24 +118,24 @@ def _is_complete(plan: StudyPlan, setup: Setup, name: str, rules: sfol.Knowledge
     )
 
 
-def _trained(plan: StudyPlan, setup: Setup, name: str, progress: Progress) -> Path:
+def _trained(plan: StudyPlan, setup: Setup, rules: sfol.KnowledgeBase, progress: Progress) -> Path:
     """Train a setup unless it is trained, and return its policy."""
     from env.training import train  # noqa: PLC0415  (slow to import, and few need it)
 
+    name = training_name(setup.name, setup.seed)
     trained = train(
         setup,
         plan.trainings / name,
         progress=lambda steps, stage: progress(f"{name}: {stage}", steps, setup.steps),
     )
-    kb = sfol.KnowledgeBase.load(*setup.rules)
     result = TrainingResult(
         setup=setup.name,
         setup_hash=setup.hash,
         seed=setup.seed,
         steps=trained.steps,
         seconds=trained.seconds,
-        knowledge_base=kb.name,
-        knowledge_base_hash=kb.hash,
+        knowledge_base=rules.name,
+        knowledge_base_hash=rules.hash,
         policy=file_hash(trained.policy),
         command=_command(plan, setup),
         versions=versions(),

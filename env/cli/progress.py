@@ -1,4 +1,4 @@
-"""A progress bar that counts."""
+"""Progress bars that count."""
 
 from __future__ import annotations
 
@@ -44,13 +44,23 @@ def counting(console: Console, total: int, unit: str) -> Iterator[Bar]:
         total: how many items there will be.
         unit: what they are.
     """
+    with counters(console, unit) as bars:
+        yield Bar(bars, bars.add_task("", total=total))
+
+
+def counters(console: Console, unit: str) -> Progress:
+    """Return bars that tell how many of all items are done, and how long the rest will take.
+
+    Args:
+        console: where they show.
+        unit: what the items are.
+    """
     columns = (
-        TextColumn("{task.description:<30}"),
+        TextColumn("{task.description:<32}"),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn(unit),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bars:
-        yield Bar(bars, bars.add_task("", total=total))
+    return Progress(*columns, console=console)

@@ -7,26 +7,18 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TaskID
 
 from env.cells import CELLS, Cell
 from env.cli.app import app
 from env.cli.evaluate import CellOption, WorkersOption
 from env.cli.figures import DriversOption, figures_command
+from env.cli.progress import counters
+from env.figures.paper import load_paper
 from env.parallel import cores
 from env.setup import load_setup
 from env.study import StudyPlan, run_study
 from env.study_results import StudyFolder
-
-PAPER = ("add", "multiply", "ssi", "sf", "ce_ps", "pe_cs", "pe_ps", "risk_factors")
 
 
 @app.command()
@@ -77,7 +69,7 @@ def study(  # noqa: PLR0913 (each is an option)
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
     console = Console(highlight=False)
-    chosen = [load_setup(name) for name in setup or PAPER]
+    chosen = [load_setup(name) for name in setup or _papers()]
     folder = output or Path("runs/quick" if in_short else "runs/study")
     plan = StudyPlan(
         setups=tuple(chosen),
@@ -89,14 +81,7 @@ def study(  # noqa: PLR0913 (each is an option)
         trainings=trainings or (folder / "trainings" if in_short else Path("runs/train")),
         results=StudyFolder(folder),
     )
-    columns = (
-        TextColumn("{task.description:<34}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bars:
+    with counters(console, "") as bars:
         tasks: dict[str, TaskID] = {}
 
         def show(what: str, done: int, total: int) -> None:
@@ -109,3 +94,9 @@ def study(  # noqa: PLR0913 (each is an option)
         run_study(plan, show)
     console.print(f"Results: {folder}", soft_wrap=True)
     figures_command(study=folder, drivers=drivers, output=folder / "figures")
+
+
+def _papers() -> list[str]:
+    """Return the paper's setups, each once; one is in both of its tables."""
+    tables = load_paper().sets
+    return list(dict.fromkeys(setup.name for table in tables for setup in table.setups))

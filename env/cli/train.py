@@ -7,17 +7,10 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from env.cli.app import app
+from env.cli.progress import counters
 from env.setup import load_setup, setup_names
 from env.study_results import training_name
 
@@ -49,15 +42,7 @@ def train(
         chosen = chosen.model_copy(update={"seed": seed})
     folder = output or Path("runs/train") / training_name(chosen.name, chosen.seed)
     console = Console(highlight=False)
-    columns = (
-        TextColumn("{task.description:<24}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("steps"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bars:
+    with counters(console, "steps") as bars:
         task = bars.add_task(chosen.name, total=chosen.steps)
         trained = run(
             chosen,
