@@ -50,7 +50,7 @@ def make_driver(name: str, *, trust: bool = False) -> Driver:
     if name.endswith(SUFFIX):
         return TrainedDriver(Path(name))
     if name.endswith(_PICKLE):
-        return PolicyDriver(Path(name), trust=trust)
+        return PickledPolicyDriver(Path(name), trust=trust)
     if name not in DRIVERS:
         raise UsageError(
             f"there is no driver '{name}'",
@@ -113,7 +113,7 @@ class TrainedDriver:
         return np.concatenate(self._last)
 
 
-class PolicyDriver:
+class PickledPolicyDriver:
     """Drives as a policy of stable-baselines3 says, without chance, by what it was trained on.
 
     Args:

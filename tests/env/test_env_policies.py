@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from env import policies
 from env.crossing import OccludedCrossing
 from env.observation import observer_of
-from env.policies import PolicyDriver, make_driver
+from env.policies import PickledPolicyDriver, make_driver
 from sfol.errors import SfolError
 
 PEDAL = spaces.Box(-1.0, 1.0, (1,), np.float32)
@@ -73,7 +73,7 @@ def test_a_policy_from_elsewhere_is_not_loaded_unless_trusted(project, state_pol
     with pytest.raises(SfolError, match="pickle") as caught:
         make_driver(str(elsewhere))
     assert "--trust" in str(caught.value)
-    assert isinstance(make_driver(str(elsewhere), trust=True), PolicyDriver)
+    assert isinstance(make_driver(str(elsewhere), trust=True), PickledPolicyDriver)
 
 
 def test_a_link_out_of_the_project_is_not_trusted(project, state_policy, tmp_path):
