@@ -175,6 +175,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.ego = self._start()
         self._speeds: list[float] = []
         self._distances: list[float] = []
+        self.gap = self._gap()
         self._contacts_at_rest = 0
         self._ended = False
         self._look()
@@ -199,7 +200,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         distance = 0.0 if stretch.collided else float(distances.min())
         outcome = self.pipeline.reward.evaluate(facts, v=speed, v_next=self.ego.speed, d=distance)
         self._speeds.append(self.ego.speed)
-        self._distances.append(float(distances[-1].min()))
+        self.gap = float(distances[-1].min())
+        self._distances.append(self.gap)
         self._look()
 
         success = not stretch.collided and self.ego.position >= self.world.geometry.goal
@@ -247,6 +249,13 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     def _start(self) -> Ego:
         """Return ego as an episode finds it; a street with another start overrides this."""
         return Ego(self._ego_parameters)
+
+    def _gap(self) -> float:
+        """Return how far the nearest pedestrian in the way is, as in `Corridor.distances`, in m."""
+        fronts, people = np.array([self.ego.position]), self.people
+        return float(
+            self.corridor.distances(fronts, people.positions[None], people.velocities).min()
+        )
 
     def _drive(self, pedal: float) -> _Stretch:
         dt = 1.0 / PHYSICS_HZ

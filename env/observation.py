@@ -28,6 +28,7 @@ STATE_FIELDS = (
     "force",
     "goal",
     "crosswalk",
+    "gap",
     *(f"person{n}_{part}" for n in range(1, _NEAREST + 1) for part in ("x", "y", "vx", "vy")),
 )
 
@@ -57,14 +58,15 @@ class ImageObserver:
 
 
 class StateObserver:
-    """The world's own state, seen or hidden, float32 (44,) in [-1, 1]; `STATE_FIELDS` names it.
+    """The world's own state, seen or hidden, float32 (45,) in [-1, 1]; `STATE_FIELDS` names it.
 
     ``speed`` is ego's, as a share of the top speed; ``force`` the acceleration of the actuators, as
     a share of the brake's; ``goal`` and ``crosswalk`` how far ahead of the front bumper they are,
-    as shares of 100 m and of 60 m. Of the ten people nearest to the bumper, those beside or before
-    ego, it has x ahead and y to the left of the bumper, as shares of 60 m and 12 m, and their
-    velocity as a share of 6 km/h. Whoever is farther is at the border; where there are no ten, x is
-    1 and the rest 0.
+    as shares of 100 m and of 60 m; ``gap`` how far the nearest of those who are or will be in the
+    way is, the reward's d, as a share of 60 m. Of the ten people nearest to the bumper, those
+    beside or before ego, it has x ahead and y to the left of the bumper, as shares of 60 m and
+    12 m, and their velocity as a share of 6 km/h. Whoever is farther is at the border; where there
+    are no ten, x is 1 and the rest 0.
     """
 
     def __init__(self) -> None:
@@ -78,7 +80,8 @@ class StateObserver:
         state[1] = ego.force / ego.parameters.brake
         state[2] = (geometry.goal - ego.position) / geometry.length
         state[3] = (geometry.crosswalk[0] - ego.position) / _REACH
-        people = state[4:].reshape(_NEAREST, 4)
+        state[4] = street.gap / _REACH
+        people = state[5:].reshape(_NEAREST, 4)
         people[:, 0] = 1.0
         places = street.people.positions - (ego.position, street.corridor.centre)
         ahead = np.flatnonzero(places[:, 0] >= -ego.parameters.length)

@@ -68,7 +68,7 @@ class PolicyFile:
         with replacing(self._card) as part:
             part.write_text(card.model_dump_json(indent=2) + "\n", encoding="utf-8")
         with replacing(self.path) as part:
-            part.write_bytes(save(_actor_state(model)))
+            part.write_bytes(save(_actor_state(model, card.setup.learning.observation_scale)))
 
     def card(self) -> PolicyCard:
         """Return the card.
@@ -114,10 +114,15 @@ class PolicyFile:
         return Codebook.load(self._codebook)
 
 
-def _actor_state(model: Any) -> dict[str, Tensor]:
-    """Return the weights of what chooses the most likely actions, by the names of `_perceptron`."""
+def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:
+    """Return the weights of what chooses the most likely actions, by the names of `_perceptron`.
+
+    The model was trained on observations times a scale; these weights take them as they are.
+    """
     actor = nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
-    return {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
+    state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
+    state["0.weight"] *= scale
+    return state
 
 
 def _perceptron(widths: list[int]) -> nn.Sequential:

@@ -26,7 +26,7 @@ from sfol.errors import MissingExtraError
 from sfol.writing import replacing
 
 _STEPS = 256  # of each street, for one update; three updates are recorded
-_RATE = 200  # samples a second
+_RATE = 50  # samples a second; at 200, sampling took half a processor itself
 
 # Function and file of each stage; a sample belongs to the innermost one that it is in.
 _STAGES: Mapping[str, tuple[str, str]] = {
@@ -112,10 +112,15 @@ def _stage(stack: str) -> str | None:
     frames = [match.groupdict() for match in matches if match]
     for frame in reversed(frames):
         for stage, (function, file) in _STAGES.items():
-            if frame["function"] == function and frame["file"].endswith(file):
+            if _name(frame) == function and frame["file"].endswith(file):
                 return stage
-    begun = {"learn", "_worker"} & {frame["function"] for frame in frames}
+    begun = {"learn", "_worker"} & set(map(_name, frames))
     return _OTHER if begun else None
+
+
+def _name(frame: Mapping[str, str]) -> str:
+    """Return a function's own name; from Python 3.11 on, py-spy puts its class before it."""
+    return frame["function"].rsplit(".", 1)[-1]
 
 
 def _sample(kind: str, file: Path, perception: str) -> None:

@@ -50,6 +50,9 @@ class Learning(_Section):
     reward_scale: float = Field(
         0.05, gt=0, description="factor on rewards, so that returns are of the order of 1"
     )
+    observation_scale: float = Field(
+        1.0, gt=0, description="factor on observations, so that the first layer is not saturated"
+    )
     log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
     layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
 

@@ -15,7 +15,7 @@ from env.evaluate import FIRST_SEED, Drive, evaluate
 from env.policies import file_hash, make_driver
 from env.results import versions
 from env.rollout import Transition, rollout
-from env.setup import Learning, Setup, Stage
+from env.setup import Setup, Stage
 from env.study_results import (
     CurvePoint,
     StudyFolder,
@@ -58,7 +58,7 @@ class StudyPlan:
 
 def quick(setup: Setup) -> Setup:
     """Return a setup cut to three updates of PPO: it learns nothing, and shows that all works."""
-    learning = Learning(n_steps=64, batch_size=64, layers=setup.learning.layers)
+    learning = setup.learning.model_copy(update={"n_steps": 64, "batch_size": 64})
     steps = 3 * learning.n_steps * setup.streets
     return setup.model_copy(
         update={

@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
@@ -44,12 +46,15 @@ from vsr.segmentation import SimulatorSegmenter
 
 log = logging.getLogger(__name__)
 
+Array = npt.NDArray[np.float32]
 Progress = Callable[[int, str], None]
 
 # From these, streets draw the seeds of their episodes.
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
+# Of a setup's hyperparameters, those that PPO has no argument for.
+_OWN = {"layers", "log_std_init", "reward_scale", "observation_scale"}
 
 
 @dataclass(frozen=True)
@@ -142,30 +147,45 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
     # Monitored before they are scaled: returns are told as the rules give them.
-    streets = ScaledRewards(VecMonitor(streets), setup.learning.reward_scale)
+    streets = ScaledStreets(
+        VecMonitor(streets),
+        observations=setup.learning.observation_scale,
+        rewards=setup.learning.reward_scale,
+    )
     streets.seed(seed)
     return streets
 
 
-class ScaledRewards(VecEnvWrapper):
-    """Streets whose rewards are multiplied by a factor.
+class ScaledStreets(VecEnvWrapper):
+    """Streets whose observations and rewards are multiplied by factors.
 
     The value function has to reach the size of the returns, and from about 1 that takes many
-    updates if they are 50.
+    updates if they are 50; and units of tanh learn slowly from inputs that saturate them.
+
+    Args:
+        streets: without scales.
+        observations: factor on them, `PolicyFile.write` puts it into the policy's first layer.
+        rewards: factor on them.
     """
 
-    def __init__(self, streets: VecEnv, factor: float) -> None:
-        super().__init__(streets)
-        self._factor = factor
+    def __init__(self, streets: VecEnv, *, observations: float, rewards: float) -> None:
+        space = cast(spaces.Box, streets.observation_space)
+        scaled = spaces.Box(observations * space.low, observations * space.high, dtype=np.float32)
+        super().__init__(streets, observation_space=scaled)
+        self._observations = np.float32(observations)
+        self._rewards = rewards
 
     def reset(self) -> VecEnvObs:
-        """Start an episode in every street."""
-        return self.venv.reset()
+        """Start an episode in every street, and return scaled observations."""
+        return self._observations * cast(Array, self.venv.reset())
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Return what the streets return, with scaled rewards."""
+        """Return what the streets return, with scaled observations and rewards."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        return observations, self._factor * rewards, dones, infos
+        for i in np.flatnonzero(dones):
+            infos[i]["terminal_observation"] *= self._observations
+        scaled = self._observations * cast(Array, observations)
+        return scaled, self._rewards * rewards, dones, infos
 
 
 def _pipeline(setup: Setup) -> ScenePipeline:
@@ -212,7 +232,7 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
         },
-        **learning.model_dump(exclude={"layers", "log_std_init", "reward_scale"}),
+        **learning.model_dump(exclude=_OWN),
     )
 
 

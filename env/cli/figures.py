@@ -108,12 +108,12 @@ def _of_drives(contenders: Contenders, paper: Paper) -> list[Product]:
 
 def _of_study(folder: StudyFolder, paper: Paper) -> list[Product]:
     """Return what is made of trainings and trajectories."""
-    trained = [training for training in folder.trainings() if training.curve]
+    trained = folder.trainings()
     sets = groups(paper, [training.setup for training in trained])
     trajectories = folder.trajectories()
     curves = partial(draw_curves, trained, sets)
     return [
-        _figure("training_curves.png", curves, trained, "no training has an episode"),
+        _figure("training_curves.png", curves, trained, "nothing is trained"),
         *(
             _figure(f"trajectory-{t.driver}.png", partial(draw_trajectory, t), [t])
             for t in trajectories

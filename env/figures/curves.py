@@ -79,7 +79,8 @@ def draw_curves(trainings: Sequence[TrainingResult], groups: Sequence[Group]) ->
             _lines(above, [_returns(run) for run in runs], group.labels[name], look[name])
             _lines(below, [_successes(run) for run in runs], group.labels[name], look[name])
         above.set_title(group.title, fontsize=9)
-        above.legend(fontsize=7, frameon=False, loc="lower right", handlelength=3.5)
+        # A short training may have no episode of its own, but it has been evaluated.
+        below.legend(fontsize=7, frameon=False, loc="lower right", handlelength=3.5)
         below.set_xlabel("steps", fontsize=8)
         below.locator_params(axis="x", nbins=4)
         below.xaxis.set_major_formatter("{x:,.0f}")

@@ -18,7 +18,7 @@ from env.cells import CELLS, Cell
 from env.cli import app, main
 from env.evaluate import Settings, Summary
 from env.figures.contenders import gather, groups, pool
-from env.figures.curves import mean_curve, smoothed
+from env.figures.curves import draw_curves, mean_curve, smoothed
 from env.figures.driving import CHARACTERISTICS, driving_rows
 from env.figures.paper import load_paper
 from env.figures.radar import HALFWAY, Axis, axes_of, draw_radar
@@ -372,6 +372,14 @@ def test_seeds_are_averaged_where_all_of_them_have_been():
     steps, values = mean_curve([long, short])
     assert steps.tolist() == [5, 10, 15]
     assert values.tolist() == [3.0, 5.5, 8.0]
+
+
+def test_a_training_without_an_episode_of_its_own_has_its_evaluations_drawn():
+    training = replace(training_of("add", 0), curve=())
+    figure = draw_curves([training], groups(load_paper(), ["add"]))
+    returns, *_, successes = figure.axes
+    assert not returns.lines
+    assert successes.lines[0].get_ydata().tolist() == [0.2, 0.4, 0.6, 0.8]
 
 
 # -- trajectories ---------------------------------------------------------------------------------

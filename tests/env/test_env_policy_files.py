@@ -12,7 +12,7 @@ from env.cells import Cell
 from env.crossing import OccludedCrossing
 from env.curriculum import StreetsInTurn
 from env.policies import TrainedDriver, make_driver
-from env.policy_files import PolicyCard, PolicyFile
+from env.policy_files import PolicyCard, PolicyFile, act
 from env.setup import Setup
 from env.training import make_streets
 from sfol.errors import SfolError
@@ -63,6 +63,14 @@ def model(streets):
 def policy(tmp_path, model):
     chosen = setup(observation="state", perception="truth", frames=3)
     return write(tmp_path / "small.safetensors", model, chosen)
+
+
+def test_what_observations_were_scaled_by_is_part_of_the_policy(tmp_path, model):
+    scaled = setup(observation="state", learning={"layers": [8, 4], "observation_scale": 0.25})
+    file = write(tmp_path / "scaled.safetensors", model, scaled)
+    seen = np.linspace(-4.0, 4.0, model.observation_space.shape[0], dtype=np.float32)
+    expected, _ = model.predict(np.float32(0.25) * seen, deterministic=True)
+    assert act(PolicyFile(file).network(), seen) == pytest.approx(expected.item(), abs=1e-6)
 
 
 def test_it_drives_as_the_model_from_its_file_alone(policy, model, streets):

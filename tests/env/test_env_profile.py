@@ -3,7 +3,7 @@
 from env.profile import by_stage
 
 LEARN = "<module> (env/profile.py:1);train (env/profile.py:80);learn (sb3/ppo/ppo.py:300)"
-PERCEIVE = f"{LEARN};step_wait (env/vector.py:60);perceive (env/pipeline.py:77)"
+PERCEIVE = f"{LEARN};step_wait (env/vector.py:60);ScenePipeline.perceive (env/pipeline.py:77)"
 WORKER = "_worker (stable_baselines3/common/vec_env/subproc_vec_env.py:30);step (env/crossing.py:1)"
 
 
@@ -14,7 +14,7 @@ def test_samples_belong_to_the_innermost_stage_that_they_are_in():
             f"{LEARN};collect (sb3/on_policy.py:1) 10000",
             f"{PERCEIVE};find_entities (vsr/entities.py:9) 200000",
             f"{LEARN};__call__ (env/description.py:50) 30000",
-            f"{LEARN};__call__ (env/description.py:50);encode (vsr/autoencoder.py:99) 400000",
+            f"{LEARN};__call__ (env/description.py:50);FeatureEncoder.encode (vsr/autoencoder.py:99) 400000",
             f"{WORKER};reset (env/crossing.py:1);capture (env/camera.py:20) 600000",
             f"{WORKER};_drive (env/crossing.py:250) 50000",
         ]
