@@ -53,6 +53,9 @@ class Learning(_Section):
     observation_scale: float = Field(
         1.0, gt=0, description="factor on observations, so that the first layer is not saturated"
     )
+    mean_init: float = Field(
+        0.0, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
+    )
     log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
     layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
 

@@ -6,6 +6,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -54,7 +56,7 @@ TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
 # Of a setup's hyperparameters, those that PPO has no argument for.
-_OWN = {"layers", "log_std_init", "reward_scale", "observation_scale"}
+_OWN = {"layers", "mean_init", "log_std_init", "reward_scale", "observation_scale"}
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,11 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     """
     folder.mkdir(parents=True, exist_ok=True)
     _claim(folder, setup)
+    with _threads_for(setup):
+        return _train(setup, folder, progress)
+
+
+def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
     streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
     try:
@@ -117,6 +124,21 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     finally:
         streets.close()
     return record.trained(model.num_timesteps)
+
+
+@contextmanager
+def _threads_for(setup: Setup) -> Iterator[None]:
+    """Let torch use one thread where there is no picture, since only small networks are run then.
+
+    On two cores, with the workers that drive, more threads halved the pace.
+    """
+    threads = torch.get_num_threads()
+    if setup.observation == "state":
+        torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
@@ -224,7 +246,7 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
     """Return an untrained model with a setup's hyperparameters; it gives the streets its seed."""
     learning = setup.learning
     layers = list(learning.layers)
-    return PPO(
+    model = PPO(
         "MlpPolicy",
         streets,
         seed=setup.seed,
@@ -234,6 +256,8 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
         },
         **learning.model_dump(exclude=_OWN),
     )
+    torch.nn.init.constant_(model.policy.action_net.bias, learning.mean_init)
+    return model
 
 
 def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:

@@ -1,5 +1,6 @@
 """Setups and training: what is refused, and that a training which was stopped goes on."""
 
+import contextlib
 import json
 import logging
 
@@ -13,7 +14,7 @@ from env.cli import app
 from env.history import History
 from env.policy_files import PolicyFile
 from env.setup import Setup, load_setup, setup_names
-from env.training import train
+from env.training import make_streets, new_model, train
 from sfol import KnowledgeBase
 from sfol.errors import UsageError
 
@@ -94,6 +95,39 @@ def test_mistakes_in_a_setup_are_named(setup_file, old, new, message):
 def test_an_unknown_setup_has_a_suggestion():
     with pytest.raises(UsageError, match="did you mean 'multiply'"):
         load_setup("multipy")
+
+
+def streets_with(**learning):
+    setup = Setup.model_validate({**yaml.safe_load(SMALL), "learning": learning})
+    return setup, make_streets(setup, setup.stages[0].cells, seed=3)
+
+
+def test_scales_are_those_of_the_setup():
+    _, plain = streets_with()
+    _, scaled = streets_with(observation_scale=0.5, reward_scale=0.01)
+    with contextlib.closing(plain), contextlib.closing(scaled):
+        assert np.array_equal(0.5 * plain.reset(), scaled.reset())
+        for _ in range(601):  # until time is up
+            one, reward, (done,), (info,) = plain.step(np.full((1, 1), -1.0))
+            two, other, _, (second,) = scaled.step(np.full((1, 1), -1.0))
+            assert np.array_equal(0.5 * one, two)
+            assert other == pytest.approx(0.2 * reward)  # 0.05, the default, is five times 0.01
+            if done:
+                break
+        assert done
+        last = 0.5 * info["terminal_observation"]
+        assert np.array_equal(last, second["terminal_observation"])
+        assert info["episode"]["r"] == second["episode"]["r"]  # told as the rules give it
+        assert scaled.observation_space.high.max() == 0.5
+
+
+def test_the_first_actions_are_drawn_around_the_setup_s_mean():
+    setup, streets = streets_with(mean_init=0.4, log_std_init=-1.0)
+    with contextlib.closing(streets):
+        model = new_model(setup, streets)
+        action, _ = model.predict(streets.reset(), deterministic=True)
+        assert action.item() == pytest.approx(0.4, abs=0.05)
+        assert model.policy.log_std.item() == -1.0
 
 
 def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
