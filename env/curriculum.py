@@ -17,6 +17,8 @@ EPISODE_SEEDS = (2**30, 2**31)  # far from the small ones of the final test
 class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """Draws a cell for every episode. A cell's street is built when it is drawn first, and kept.
 
+    Every info has ``traffic`` and ``occlusion`` of the cell as well.
+
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
         options: arguments of `OccludedCrossing` that all of them share.
@@ -31,7 +33,8 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._options = options
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
-        self.street = self._street_of(cells[0])
+        self._cell = cells[0]
+        self.street = self._street_of(self._cell)
         self.observation_space = self.street.observation_space
         self.action_space = self.street.action_space
 
@@ -44,17 +47,18 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in one of the cells; see `gymnasium.Env.reset`."""
         super().reset(seed=seed)
-        cell = self._cells[int(self.np_random.integers(len(self._cells)))]
-        self.street = self._street_of(cell)
+        self._cell = self._cells[int(self.np_random.integers(len(self._cells)))]
+        self.street = self._street_of(self._cell)
         episode_seed = int(self.np_random.integers(*EPISODE_SEEDS))
         observation, info = self.street.reset(seed=episode_seed, options=options)
-        return observation, info | cell._asdict()
+        return observation, info | self._cell._asdict()
 
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive on; see `OccludedCrossing.step`."""
-        return self.street.step(action)
+        observation, reward, terminated, truncated, info = self.street.step(action)
+        return observation, reward, terminated, truncated, info | self._cell._asdict()
 
     def close(self) -> None:
         """Free all streets."""

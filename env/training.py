@@ -30,6 +30,7 @@ from stable_baselines3.common.vec_env import (
     VecMonitor,
 )
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from torch import nn
 
 import sfol
 from env.cells import Cell
@@ -256,7 +257,7 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
         },
         **learning.model_dump(exclude=_OWN),
     )
-    torch.nn.init.constant_(model.policy.action_net.bias, learning.mean_init)
+    torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
     return model
 
 
@@ -296,7 +297,8 @@ class _Record:
         row = {"steps": steps, "seconds": self._clock.seconds}
         result = {"return": float(info["episode"]["r"]), "length": int(info["episode"]["l"])}
         endings = {name: bool(info[name]) for name in ("is_success", "collision", "timeout")}
-        self._episodes.append({**row, **result, **endings})
+        cell = {name: info[name] for name in Cell._fields}
+        self._episodes.append({**row, **cell, **result, **endings})
 
     def evaluate(self, model: BaseAlgorithm) -> None:
         """Evaluate a policy, and keep it if none before was better."""
@@ -442,7 +444,8 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
         setup: gives the streets and the number of episodes.
 
     Returns:
-        Shares of success, collision and timeout, and the mean return and length of an episode.
+        Shares of success, collision and timeout, the mean return and length of an episode, and the
+        share of success in each density of traffic that was drawn, such as ``success_low``.
     """
     cells = tuple(dict.fromkeys(cell for stage in setup.stages for cell in stage.cells))
     streets = make_streets(setup, cells, EVALUATION_SEEDS + 1_000_000 * setup.seed)
@@ -450,12 +453,20 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
         infos = list(_endings(model, streets, setup.evaluation_episodes))
     finally:
         streets.close()
+    levels = sorted({info["traffic"] for info in infos})
+    by_traffic = {
+        f"success_{level}": float(
+            np.mean([info["is_success"] for info in infos if info["traffic"] == level])
+        )
+        for level in levels
+    }
     return {
         "success": float(np.mean([info["is_success"] for info in infos])),
         "collision": float(np.mean([info["collision"] for info in infos])),
         "timeout": float(np.mean([info["timeout"] for info in infos])),
         "return": float(np.mean([info["episode"]["r"] for info in infos])),
         "length": float(np.mean([info["episode"]["l"] for info in infos])),
+        **by_traffic,
     }
 
 

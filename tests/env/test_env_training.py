@@ -176,6 +176,7 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     History(folder / "episodes.jsonl").append({"steps": 90, "seconds": 1.0, "return": 0.0})
     trained = train(setup, folder)
     assert [row["steps"] for row in trained.evaluations] == [64, 128]
+    assert all(row["success_low"] == row["success"] for row in trained.evaluations)
     assert 90 not in {row["steps"] for row in trained.episodes}
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
 
