@@ -45,6 +45,7 @@ class Settings:
         seed: of the first one.
         knowledge_base: its name.
         knowledge_base_hash: of its content.
+        discount: γ of discounted returns.
     """
 
     driver: str
@@ -57,6 +58,7 @@ class Settings:
     seed: int
     knowledge_base: str
     knowledge_base_hash: str
+    discount: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,7 @@ class Drive:
         hazard: whether people cross; else nobody does.
         trust: whether a policy file may lie outside the project's folder.
         name: what a policy is called in the results; by default after its file and its hash.
+        discount: γ of discounted returns.
     """
 
     driver: str
@@ -84,6 +87,7 @@ class Drive:
     hazard: bool = True
     trust: bool = False
     name: str = ""
+    discount: float = metrics.DISCOUNT
 
     @property
     def seeds(self) -> range:
@@ -106,6 +110,7 @@ class Drive:
             seed=self.seed,
             knowledge_base=self.rules.name,
             knowledge_base_hash=self.rules.hash,
+            discount=self.discount,
         )
 
     def street(self) -> OccludedCrossing:
@@ -204,7 +209,7 @@ class Summary:
         time_to_goal: over successes, in s.
         contact_at_rest: over all episodes, of how many instants somebody touched a standing ego.
         total: ending → mean return of the episodes that ended so.
-        discounted: ending → mean discounted return of those, γ = 0.99.
+        discounted: ending → mean discounted return of those.
         fluctuation: weight → mean total variation, in 1/s.
         heads: head → share of steps in which its confidence was above zero.
         rules: rule → share of steps in which it concluded something.
@@ -254,7 +259,12 @@ def evaluate(
 
 
 def drive_episode(
-    street: OccludedCrossing, driver: Driver, seed: int, *, logs: bool = False
+    street: OccludedCrossing,
+    driver: Driver,
+    seed: int,
+    *,
+    discount: float = metrics.DISCOUNT,
+    logs: bool = False,
 ) -> DrivenEpisode:
     """Drive one episode and return its measures; no frame is kept.
 
@@ -262,6 +272,7 @@ def drive_episode(
         street: the environment; it is reset.
         driver: chooses the actions; it is reset.
         seed: decides everything that the environment draws.
+        discount: γ of the discounted return.
         logs: whether facts and signals of every step are kept.
     """
     reward = street.pipeline.reward
@@ -272,7 +283,7 @@ def drive_episode(
         steps.append(_Step.of(transition, fired_rules(reward, facts)))
         if logs:
             log.append(LoggedStep(transition.time, facts, transition.signals))
-    return DrivenEpisode(_measured(street, seed, steps, transition), tuple(log))
+    return DrivenEpisode(_measured(street, seed, steps, transition, discount), tuple(log))
 
 
 def summarize(results: Sequence[EpisodeResult]) -> Summary:
@@ -351,7 +362,7 @@ class _Step(NamedTuple):
 
 
 def _measured(
-    street: OccludedCrossing, seed: int, steps: Sequence[_Step], last: Transition
+    street: OccludedCrossing, seed: int, steps: Sequence[_Step], last: Transition, discount: float
 ) -> EpisodeResult:
     kb, dt, info = street.pipeline.kb, street.control_dt, last.info
     speeds = [steps[0].speed, *(step.speed_next for step in steps)]
@@ -378,7 +389,7 @@ def _measured(
         ),
         contact_at_rest=info["contact_at_rest"],
         total=sum(rewards),
-        discounted=metrics.discounted_return(rewards),
+        discounted=metrics.discounted_return(rewards, discount),
         fluctuation={w: metrics.fluctuation([s.weights[w] for s in steps], dt) for w in kb.weights},
         heads={head: heads[head] for head in kb.heads},
         rules={rule: rules[rule] for rule in kb.rules},
@@ -422,4 +433,4 @@ _workplace = _Workplace()
 
 def _do(job: _Job) -> DrivenEpisode:
     street, driver = _workplace.enter(job.drive)
-    return drive_episode(street, driver, job.seed, logs=job.logs)
+    return drive_episode(street, driver, job.seed, discount=job.drive.discount, logs=job.logs)

@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from env.cells import Cell, CellOcclusion, Traffic
+from env.metrics import DISCOUNT
 from sfol.errors import Place, UsageError, did_you_mean
 from vsr.fusion import Method
 
@@ -43,7 +44,7 @@ class Learning(_Section):
     n_steps: Positive = Field(512, description="of each street, for one update")
     batch_size: Positive = 128
     n_epochs: Positive = 10
-    gamma: float = Field(0.99, gt=0, le=1)
+    gamma: float = Field(DISCOUNT, gt=0, le=1)
     gae_lambda: float = Field(0.95, ge=0, le=1)
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)

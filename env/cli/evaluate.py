@@ -17,6 +17,7 @@ from env.cli import tables
 from env.cli.app import app
 from env.cli.progress import counting
 from env.evaluate import FIRST_SEED, Drive, evaluate
+from env.metrics import DISCOUNT
 from env.parallel import cores
 from env.policies import make_driver
 from env.results import DriveResult, ResultFolder
@@ -83,6 +84,9 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
             help="Drive the scripted conducts instead, and tell whether the reward is exploitable.",
         ),
     ] = False,
+    discount: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="γ of discounted returns, for each step.")
+    ] = DISCOUNT,
     trust: TrustOption = False,
 ) -> None:
     """Drive the collision test and measure how it is driven.
@@ -104,7 +108,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     for name in names:
         make_driver(name, trust=trust)  # so that a mistake shows before anybody drives
     drives = [
-        Drive(name, where, kb, episodes, seed, perception, hazard, trust)
+        Drive(name, where, kb, episodes, seed, perception, hazard, trust, discount=discount)
         for name, where in product(names, _cells(cell, traffic, occlusion))
     ]
     folder = ResultFolder(output)
@@ -145,7 +149,7 @@ def _command(drive: Drive, rules: str) -> str:
     words = [
         "aeb", "evaluate", "--driver", drive.driver, "--cell", str(drive.cell),
         "--episodes", str(drive.episodes), "--seed", str(drive.seed),
-        "--perception", drive.perception, "--rules", rules,
+        "--perception", drive.perception, "--rules", rules, "--discount", str(drive.discount),
     ]  # fmt: skip
     flags = {"--no-hazard": not drive.hazard, "--trust": drive.trust}
     return shlex.join([*words, *(flag for flag, wanted in flags.items() if wanted)])

@@ -67,7 +67,7 @@ def test_an_episode_s_measures_are_those_of_its_steps(measured):
         assert result.min_ttc == min(info["ttc"] for info in infos)
         assert result.total == pytest.approx(sum(reward for *_, reward in steps))
         assert result.discounted == pytest.approx(
-            sum(0.99**k * reward for k, (*_, reward) in enumerate(steps))
+            sum(0.997**k * reward for k, (*_, reward) in enumerate(steps))
         )
         for head, count in result.heads.items():
             assert count == sum(info[f"confidence_{head}"] > 0 for info in infos)

@@ -57,7 +57,9 @@ def drive_of(driver, cell, success=90, collision=8, stop=3.0, stops=50, **option
         heads={},
         rules={},
     )
-    settings = Settings(driver, None, *cell, True, "simulator", 100, 10_000, "crossing", KB.hash)
+    settings = Settings(
+        driver, None, *cell, True, "simulator", 100, 10_000, "crossing", KB.hash, 1.0
+    )
     return DriveResult(replace(settings, **options), "aeb study", {}, summary)
 
 

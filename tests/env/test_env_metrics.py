@@ -80,7 +80,7 @@ def test_fluctuation_is_total_variation_per_second():
 def test_a_discounted_return_by_hand():
     assert metrics.discounted_return([1.0, 2.0, 4.0], 0.5) == pytest.approx(3.0)
     assert metrics.discounted_return([1.0, 2.0, 4.0], 1.0) == pytest.approx(7.0)
-    assert metrics.discounted_return([]) == 0.0
+    assert metrics.discounted_return([], 0.5) == 0.0
 
 
 def test_a_mean_leaves_out_who_has_no_number():
