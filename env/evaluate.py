@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple, get_args
 
 from env import metrics
@@ -20,7 +19,7 @@ from env.drivers import Driver
 from env.episode import Ending
 from env.metrics import Mean, Share
 from env.parallel import in_order
-from env.policies import file_hash, is_policy, make_driver
+from env.policies import TRAINED, file_hash, make_driver, policy_file
 from env.rollout import Transition, rollout
 from env.streets import QuietStreet
 from sfol.knowledge_base import KnowledgeBase
@@ -66,7 +65,7 @@ class Drive:
     """A driver in a cell.
 
     Attributes:
-        driver: name of a scripted driver, or path of a policy file.
+        driver: name of a driver, or path of a policy file; see `env.policies.make_driver`.
         cell: of the street.
         rules: what rewards; nobody drives by them.
         episodes: how many.
@@ -97,8 +96,9 @@ class Drive:
     @cached_property
     def settings(self) -> Settings:
         """What decides the results, in a form that can be compared and written."""
-        policy = file_hash(Path(self.driver)) if is_policy(self.driver) else None
-        called = f"{Path(self.driver).stem}-{policy}" if policy else self.driver
+        file = policy_file(self.driver)
+        policy = file_hash(file) if file else None
+        called = f"{file.stem}-{policy}" if file and self.driver != TRAINED else self.driver
         return Settings(
             driver=self.name or called,
             policy=policy,

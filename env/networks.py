@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+from env.weights_folder import FOLDER_VARIABLE, weights_folder
 from sfol.errors import MissingExtraError, UsageError
 from vsr.grounding import Camera
 
@@ -20,10 +20,7 @@ except ImportError as error:
         suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
     ) from error
 
-FOLDER_VARIABLE = "AEB_WEIGHTS"
 RENDERER = "pybullet TinyRenderer"  # of the dash camera's frames
-
-_BESIDE_THIS_FILE = Path(__file__).parent / "weights"
 
 
 def load_segmenter(
@@ -59,12 +56,6 @@ def load_autoencoder(
     """Return the encoder of the trained autoencoder; see `load_segmenter`."""
     file = _weights("autoencoder", folder, camera, renderer)
     return FeatureEncoder.load(file, precision)
-
-
-def weights_folder() -> Path:
-    """Return where weights are looked for when nobody names a folder."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    return Path(named) if named else _BESIDE_THIS_FILE
 
 
 def _weights(network: str, folder: Path | None, camera: Camera | None, renderer: str) -> Path:

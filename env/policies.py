@@ -22,40 +22,51 @@ from env.observation import (
     observer_of,
     with_speed,
 )
+from env.weights_folder import weights_folder
 from sfol.errors import MissingExtraError, UsageError, did_you_mean
 
 _PROJECT = Path(__file__).resolve().parents[1]
+TRAINED = "trained"
 SUFFIX = ".safetensors"
 _PICKLE = ".zip"
 _KINDS: tuple[ObservationKind, ...] = ("image", "state")
 
 
-def is_policy(name: str) -> bool:
-    """Tell whether a driver's name is that of a policy file."""
-    return name.endswith((SUFFIX, _PICKLE))
+def policy_file(driver: str) -> Path | None:
+    """Return the file of a driver that is a policy, whether it exists or not; else None.
+
+    Args:
+        driver: its name, which is the file's path, or ``trained``: the main setup's policy, which
+            comes with the project.
+    """
+    if driver == TRAINED:
+        return weights_folder() / f"policy{SUFFIX}"
+    return Path(driver) if driver.endswith((SUFFIX, _PICKLE)) else None
 
 
 def make_driver(name: str, *, trust: bool = False) -> Driver:
     """Return a driver.
 
     Args:
-        name: of a scripted driver, or the path of a policy file: the ``.safetensors`` that
-            `aeb train` writes, or a ``.zip`` of stable-baselines3.
+        name: of a scripted driver; ``trained``; or the path of a policy file: the ``.safetensors``
+            that `aeb train` writes, or a ``.zip`` of stable-baselines3.
         trust: whether a ``.zip`` may lie outside the project's own folder.
 
     Raises:
         UsageError: there is no such driver, or the file can't be used or trusted.
         MissingExtraError: stable-baselines3 is not installed.
     """
-    if name.endswith(SUFFIX):
-        return TrainedDriver(Path(name))
-    if name.endswith(_PICKLE):
-        return PickledPolicyDriver(Path(name), trust=trust)
+    file = policy_file(name)
+    if file is not None and file.suffix == SUFFIX:
+        return TrainedDriver(file)
+    if file is not None:
+        return PickledPolicyDriver(file, trust=trust)
     if name not in DRIVERS:
         raise UsageError(
             f"there is no driver '{name}'",
             name=name,
-            suggestion=did_you_mean(name, DRIVERS) or "a policy file ends in .safetensors or .zip",
+            suggestion=did_you_mean(name, [*DRIVERS, TRAINED])
+            or "a policy file ends in .safetensors or .zip",
         )
     return DRIVERS[name]()
 

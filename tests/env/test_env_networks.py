@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from env.frames import FIRST_SEEDS, frames_of_street
-from env.networks import FOLDER_VARIABLE, load_autoencoder, load_segmenter, weights_folder
+from env.networks import load_autoencoder, load_segmenter
+from env.weights_folder import FOLDER_VARIABLE, weights_folder
 from sfol.errors import UsageError
 from vsr.grounding import Camera
 from vsr.training.segmentation_quality import count, iou_table, total

@@ -11,10 +11,12 @@ import sfol
 from env.cells import Cell
 from env.crossing import OccludedCrossing
 from env.curriculum import StreetsInTurn
-from env.policies import TrainedDriver, make_driver
+from env.evaluate import Drive
+from env.policies import TrainedDriver, file_hash, make_driver
 from env.policy_files import PolicyCard, PolicyFile, act
 from env.setup import Setup
 from env.training import make_streets
+from env.weights_folder import FOLDER_VARIABLE
 from sfol.errors import SfolError
 
 CELL = Cell("low", "partial")
@@ -109,6 +111,21 @@ def test_it_observes_what_it_was_trained_on(tmp_path):
     finally:
         trained_on.close()
         turn.close()
+
+
+def test_the_policy_that_comes_with_the_project_has_a_name(tmp_path, model, monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    chosen = setup(observation="state", perception="truth", frames=3)
+    file = write(tmp_path / "policy.safetensors", model, chosen)
+    assert isinstance(make_driver("trained"), TrainedDriver)
+    settings = Drive("trained", CELL, sfol.KnowledgeBase.load("crossing")).settings
+    assert (settings.driver, settings.policy) == ("trained", file_hash(file))
+    with pytest.raises(SfolError) as error:
+        make_driver("traned")
+    assert "trained" in str(error.value)
+    file.unlink()
+    with pytest.raises(SfolError, match="no policy file"):
+        make_driver("trained")
 
 
 @pytest.mark.parametrize(
