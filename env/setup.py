@@ -48,6 +48,11 @@ class Learning(_Section):
     gae_lambda: float = Field(0.95, ge=0, le=1)
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
+    use_sde: bool = Field(
+        default=False,
+        description="whether noise depends on the state and lasts for steps",
+    )
+    sde_sample_freq: int = Field(-1, ge=-1, description="how many; -1: until the next update")
     reward_scale: float = Field(
         0.05, gt=0, description="factor on rewards, so that returns are of the order of 1"
     )

@@ -44,9 +44,9 @@ def write(path, model, chosen):
     return path
 
 
-def untrained(streets):
-    layers = {"pi": [8, 4], "vf": [8]}
-    return PPO("MlpPolicy", streets, policy_kwargs={"net_arch": layers}, seed=3, device="cpu")
+def untrained(streets, **options):
+    kwargs = {"net_arch": {"pi": [8, 4], "vf": [8]}}
+    return PPO("MlpPolicy", streets, policy_kwargs=kwargs, seed=3, device="cpu", **options)
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +56,9 @@ def streets():
     streets.close()
 
 
-@pytest.fixture(scope="module")
-def model(streets):
-    return untrained(streets)
+@pytest.fixture(scope="module", params=[False, True], ids=["noise by step", "noise by state"])
+def model(streets, request):
+    return untrained(streets, use_sde=request.param)
 
 
 @pytest.fixture
