@@ -36,8 +36,8 @@ def policy_file(driver: str) -> Path | None:
     """Return the file of a driver that is a policy, whether it exists or not; else None.
 
     Args:
-        driver: its name, which is the file's path, or ``trained``: the main setup's policy, which
-            comes with the project.
+        driver: its name, which is the file's path, or ``trained``: the policy beside the networks'
+            weights.
     """
     if driver == TRAINED:
         return weights_folder() / f"policy{SUFFIX}"

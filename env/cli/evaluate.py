@@ -47,7 +47,7 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         help="full_throttle, never_moves, crawl, ttc_brake, cautious, oracle; trained, the policy "
-        "that comes with the project; or a policy file (.safetensors, or .zip of "
+        "beside the networks' weights; or a policy file (.safetensors, or .zip of "
         "stable-baselines3). May be given several times.",
         show_default="cautious",
     ),
