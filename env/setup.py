@@ -38,31 +38,36 @@ class Stage(_Section):
 
 
 class Learning(_Section):
-    """Hyperparameters of PPO, by the names of stable-baselines3 where it has them."""
+    """Hyperparameters of PPO, by the names of stable-baselines3 where it has them.
 
-    learning_rate: float = Field(3e-4, gt=0)
-    n_steps: Positive = Field(512, description="of each street, for one update")
-    batch_size: Positive = 128
+    With fewer steps between updates, what a policy has learnt of collisions is lost again and
+    again. With noise that is new at every step, throttle and brake cancel out, and the brake is the
+    stronger: ego stands.
+    """
+
+    learning_rate: float = Field(5e-4, gt=0)
+    n_steps: Positive = Field(2048, description="of each street, for one update")
+    batch_size: Positive = 256
     n_epochs: Positive = 10
     gamma: float = Field(DISCOUNT, gt=0, le=1)
     gae_lambda: float = Field(0.95, ge=0, le=1)
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
     use_sde: bool = Field(
-        default=False,
+        default=True,
         description="whether noise depends on the state and lasts for steps",
     )
-    sde_sample_freq: int = Field(-1, ge=-1, description="how many; -1: until the next update")
+    sde_sample_freq: int = Field(8, ge=-1, description="how many; -1: until the next update")
     reward_scale: float = Field(
-        0.05, gt=0, description="factor on rewards, so that returns are of the order of 1"
+        0.02, gt=0, description="factor on rewards, so that returns are of the order of 1"
     )
     observation_scale: float = Field(
         1.0, gt=0, description="factor on observations, so that the first layer is not saturated"
     )
     mean_init: float = Field(
-        0.0, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
+        0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
-    log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
+    log_std_init: float = Field(-1.0, description="logarithm of the actions' first deviation")
     layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
 
 

@@ -113,7 +113,7 @@ def test_it_observes_what_it_was_trained_on(tmp_path):
         turn.close()
 
 
-def test_the_policy_that_comes_with_the_project_has_a_name(tmp_path, model, monkeypatch):
+def test_the_policy_beside_the_networks_weights_has_a_name(tmp_path, model, monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     chosen = setup(observation="state", perception="truth", frames=3)
     file = write(tmp_path / "policy.safetensors", model, chosen)

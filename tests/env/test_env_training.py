@@ -107,14 +107,18 @@ def test_scales_are_those_of_the_setup():
     _, scaled = streets_with(observation_scale=0.5, reward_scale=0.01)
     with contextlib.closing(plain), contextlib.closing(scaled):
         assert np.array_equal(0.5 * plain.reset(), scaled.reset())
-        for _ in range(601):  # until time is up
-            one, reward, (done,), (info,) = plain.step(np.full((1, 1), -1.0))
-            two, other, _, (second,) = scaled.step(np.full((1, 1), -1.0))
+        rewards = []
+        for _ in range(601):  # until time is up, at the latest
+            one, reward, (done,), (info,) = plain.step(np.full((1, 1), 1.0))
+            two, other, _, (second,) = scaled.step(np.full((1, 1), 1.0))
             assert np.array_equal(0.5 * one, two)
-            assert other == pytest.approx(0.2 * reward)  # 0.05, the default, is five times 0.01
+            assert other == pytest.approx(0.5 * reward)  # 0.02, the default, is twice 0.01
+            rewards.append(reward.item())
             if done:
                 break
         assert done
+        assert sum(rewards) == pytest.approx(0.02 * info["episode"]["r"], rel=1e-4)
+        assert any(rewards)
         last = 0.5 * info["terminal_observation"]
         assert np.array_equal(last, second["terminal_observation"])
         assert info["episode"]["r"] == second["episode"]["r"]  # told as the rules give it
@@ -127,7 +131,7 @@ def test_the_first_actions_are_drawn_around_the_setup_s_mean():
         model = new_model(setup, streets)
         action, _ = model.predict(streets.reset(), deterministic=True)
         assert action.item() == pytest.approx(0.4, abs=0.05)
-        assert model.policy.log_std.item() == -1.0
+        assert (model.policy.log_std == -1.0).all()
 
 
 def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
