@@ -29,7 +29,7 @@ from env.camera import DashCamera, DashCameraParameters, third_person
 from env.cells import Traffic
 from env.meshes import VehicleSize
 from env.metrics import STANDSTILL, stopping_distance
-from env.observation import Observation, ObservationKind, observer_of
+from env.observation import Observation, ObservationKind, Observer, observer_of
 from env.pipeline import Scene, ScenePipeline
 from env.truth import TruthPerception
 from env.window import Window
@@ -88,7 +88,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             trained network's segmentation of the frame; ``none``, for those who perceive elsewhere:
             no facts but the background's, and the reward of these.
         observation: what the policy is given: ``image``, the dash camera's frame, uint8
-            (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.observation`.
+            (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.observation`; or an
+            `env.observation.Observer`, which streets may share.
         fusion: of SSI and SF: ``add``, ``multiply``, ``ssi`` or ``sf``; only for ``vsr``.
         rules: a knowledge base, the path of one, or the name of a bundled one. Its grounding
             gives the camera's field of view and height.
@@ -117,7 +118,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         occlusion: str = "full",
         behaviour: str | None = None,
         perception: str = "simulator",
-        observation: str = "image",
+        observation: str | Observer = "image",
         fusion: str = "add",
         rules: sfol.KnowledgeBase | str | Path = "crossing",
         speed_limit: float = 40.0,
@@ -132,7 +133,6 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if behaviour is not None:
             self._behaviours = (_one_of("behaviour", behaviour, self._behaviours),)
         self.perception: Perception = _one_of("perception", perception, get_args(Perception))
-        kind: ObservationKind = _one_of("observation", observation, get_args(ObservationKind))
         if render_mode is not None:
             _one_of("render_mode", render_mode, get_args(RenderMode))
         self.render_mode = render_mode
@@ -156,7 +156,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
         self.truth = TruthPerception(self.world, self.camera.parameters, self.pipeline)
 
-        self._observer = observer_of(kind, self.camera.parameters.size, fusion)
+        self._observer = self._observer_of(observation, fusion)
         self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.ego = Ego(car)
@@ -239,6 +239,12 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.world.close()
         if self._window is not None:
             self._window.close()
+
+    def _observer_of(self, observation: str | Observer, fusion: str) -> Observer:
+        if not isinstance(observation, str):
+            return observation
+        kind = _one_of("observation", observation, get_args(ObservationKind))
+        return observer_of(kind, self.camera.parameters.size, fusion)
 
     def _populate(self, rng: Generator) -> Walkers:
         """Return the people of an episode; a street with other people overrides this."""

@@ -21,7 +21,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
-        options: arguments of `OccludedCrossing` that all of them share.
+        options: arguments of `OccludedCrossing`, for all of them; they share one observer.
 
     Attributes:
         street: on which the present episode is driven.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 from env.weights_folder import FOLDER_VARIABLE, weights_folder
@@ -30,7 +31,7 @@ def load_segmenter(
     renderer: str = RENDERER,
     precision: Precision = "auto",
 ) -> UNetSegmenter:
-    """Return the trained UNet.
+    """Return the trained UNet; the streets of one process share it.
 
     Args:
         folder: where the weights are; else the environment variable ``AEB_WEIGHTS`` says it, else
@@ -43,7 +44,7 @@ def load_segmenter(
         UsageError: there are no weights, they can't be read, or they are for other frames.
     """
     file = _weights("segmenter", folder, camera, renderer)
-    return UNetSegmenter.load(file, precision)
+    return _segmenter(file, file.stat().st_mtime_ns, precision)
 
 
 def load_autoencoder(
@@ -56,6 +57,12 @@ def load_autoencoder(
     """Return the encoder of the trained autoencoder; see `load_segmenter`."""
     file = _weights("autoencoder", folder, camera, renderer)
     return FeatureEncoder.load(file, precision)
+
+
+@lru_cache(maxsize=1)
+def _segmenter(file: Path, modified: int, precision: Precision) -> UNetSegmenter:
+    del modified  # a file that has changed since is another one
+    return UNetSegmenter.load(file, precision)
 
 
 def _weights(network: str, folder: Path | None, camera: Camera | None, renderer: str) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from env.actors import RUNNING_PACE, EgoParameters
+from env.actors import RUNNING_PACE
 
 if TYPE_CHECKING:
     from env.crossing import OccludedCrossing
@@ -94,25 +94,28 @@ class StateObserver:
 class VsrObserver:
     """The VSR vector of the scene, float32 (2048,): SSI and SF of what moves, fused and weighted.
 
-    The networks run here, one frame at a time; `env.vector.DescribedStreets` runs them for many
-    streets at once.
+    One observer serves all streets that have the same rules and camera.
 
     Args:
         fusion: of SSI and SF.
         codebook: the symbols; a trained policy needs those that it was trained with.
+        speed: whether ego's speed comes after the vector, as a share of its top speed.
 
     Source: paper, section "Vector Semantic Representation".
     """
 
-    def __init__(self, fusion: str = "add", codebook: Codebook | None = None) -> None:
+    def __init__(
+        self, fusion: str = "add", codebook: Codebook | None = None, *, speed: bool = False
+    ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.codebook import DIMENSION  # noqa: PLC0415
         from vsr.fusion import Fusion, Method  # noqa: PLC0415
 
         dimension = codebook.dimension if codebook else DIMENSION
-        self.space = spaces.Box(-np.inf, np.inf, (dimension,), np.float32)
+        self.space = spaces.Box(-np.inf, np.inf, (dimension + speed,), np.float32)
         self._fusion = Fusion(cast(Method, fusion))
         self._codebook = codebook
+        self._speed = speed
         self._describer: Describer | None = None
 
     def __call__(self, street: OccludedCrossing) -> Observation:
@@ -120,7 +123,10 @@ class VsrObserver:
         if self._describer is None:
             self._describer = self._make_describer(street)
         (vector,) = self._describer([street.frame], [street.scene])
-        return vector
+        if not self._speed:
+            return vector
+        share = street.ego.speed / street.ego.parameters.top_speed
+        return np.append(vector, np.float32(share))
 
     def _make_describer(self, street: OccludedCrossing) -> Describer:
         from env.description import Describer  # noqa: PLC0415
@@ -155,34 +161,27 @@ class FrameObserver:
         return {"gray": gray, "classes": frame.classes, "instances": frame.instances}
 
 
-def with_speed(
-    observations: npt.NDArray[np.float32], speeds: npt.ArrayLike
-) -> npt.NDArray[np.float32]:
-    """Return observations with ego's speed at their end, as a share of its top speed.
-
-    Args:
-        observations: float32 (..., N).
-        speeds: in m/s, (...).
-
-    Returns:
-        float32 (..., N + 1).
-    """
-    shares = np.asarray(speeds, np.float32)[..., None] / np.float32(EgoParameters().top_speed)
-    return np.concatenate([observations, shares], axis=-1)
-
-
-def observer_of(kind: ObservationKind, side: int, fusion: str = "add") -> Observer:
+def observer_of(
+    kind: ObservationKind,
+    side: int,
+    fusion: str = "add",
+    codebook: Codebook | None = None,
+    *,
+    speed: bool = False,
+) -> Observer:
     """Return the observer of a kind.
 
     Args:
         kind: ``image``, ``state``, ``vsr`` or ``frame``.
         side: width and height of the camera's frames, in px.
-        fusion: of SSI and SF, for ``vsr``.
+        fusion: of SSI and SF, for ``vsr``, as are the others; see `VsrObserver`.
+        codebook: the symbols.
+        speed: whether ego's speed comes after the vector.
     """
     observers: dict[ObservationKind, Callable[[], Observer]] = {
         "image": lambda: ImageObserver(side),
         "state": StateObserver,
-        "vsr": lambda: VsrObserver(fusion),
+        "vsr": lambda: VsrObserver(fusion, codebook, speed=speed),
         "frame": lambda: FrameObserver(side),
     }
     return observers[kind]()

@@ -14,14 +14,7 @@ from gymnasium import spaces
 from env.camera import DashCameraParameters
 from env.crossing import OccludedCrossing
 from env.drivers import DRIVERS, Driver
-from env.observation import (
-    ObservationKind,
-    Observer,
-    StateObserver,
-    VsrObserver,
-    observer_of,
-    with_speed,
-)
+from env.observation import ObservationKind, Observer, observer_of
 from env.weights_folder import weights_folder
 from sfol.errors import MissingExtraError, UsageError, did_you_mean
 
@@ -94,11 +87,12 @@ class TrainedDriver:
         file = PolicyFile(path)
         setup = file.card().setup
         self._network = file.network()
-        self._speed = setup.speed
-        self._observer: Observer = (
-            VsrObserver(setup.fusion, file.codebook())
-            if setup.observation == "vsr"
-            else StateObserver()
+        self._observer = observer_of(
+            setup.observation,
+            DashCameraParameters().size,
+            setup.fusion,
+            file.codebook() if setup.observation == "vsr" else None,
+            speed=setup.speed,
         )
         self._last: deque[Any] = deque(maxlen=setup.frames)
 
@@ -115,8 +109,6 @@ class TrainedDriver:
     def observe(self, street: OccludedCrossing) -> npt.NDArray[np.float32]:
         """Return what the policy is given now, float32 (N,)."""
         observation = np.asarray(self._observer(street))
-        if self._speed:
-            observation = with_speed(observation, street.ego.speed)
         # Before the first observation there were zeros, as in stable-baselines3's VecFrameStack.
         while len(self._last) + 1 < (self._last.maxlen or 1):
             self._last.append(np.zeros_like(observation))

@@ -25,7 +25,7 @@ from sfol.cli import run
 from sfol.errors import MissingExtraError
 from sfol.writing import replacing
 
-_STEPS = 256  # of each street, for one update; three updates are recorded
+_STEPS = 512  # of all streets, for one update; three updates are recorded
 _RATE = 50  # samples a second; at 200, sampling took half a processor itself
 
 # Function and file of each stage; a sample belongs to the innermost one that it is in.
@@ -36,7 +36,7 @@ _STAGES: Mapping[str, tuple[str, str]] = {
     "perception": ("perceive", "env/pipeline.py"),
     "encoder": ("encode", "vsr/autoencoder.py"),
     "descriptor": ("__call__", "env/description.py"),
-    "reward": ("_reward", "env/vector.py"),
+    "reward": ("evaluate", "sfol/reward.py"),
     "policy": ("forward", "stable_baselines3/common/policies.py"),
     "update of PPO": ("train", "stable_baselines3/ppo/ppo.py"),
 }
@@ -79,11 +79,11 @@ def train(perception: str) -> None:
     """Train for the updates that are sampled."""
     from env.training import make_streets, new_model  # noqa: PLC0415  (slow to import)
 
-    learning = Learning(n_steps=_STEPS)
+    learning = Learning(rollout_steps=_STEPS)
     setup = load_setup("add").model_copy(update={"perception": perception, "learning": learning})
     streets = make_streets(setup, setup.stages[-1].cells, seed=0)
     try:
-        new_model(setup, streets).learn(3 * _STEPS * setup.streets)
+        new_model(setup, streets).learn(3 * _STEPS)
     finally:
         streets.close()
 
@@ -101,8 +101,7 @@ def by_stage(stacks: Iterable[str]) -> dict[str, float]:
         stage = _stage(stack)
         if stage is not None:
             samples[stage] += int(count)
-    steps = 3 * _STEPS * load_setup("add").streets
-    milliseconds = 1000.0 / (_RATE * steps)
+    milliseconds = 1000.0 / (_RATE * 3 * _STEPS)
     return {stage: round(samples[stage] * milliseconds, 2) for stage in (*_STAGES, _OTHER)}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -46,7 +46,7 @@ class Learning(_Section):
     """
 
     learning_rate: float = Field(5e-4, gt=0)
-    n_steps: Positive = Field(2048, description="of each street, for one update")
+    rollout_steps: Positive = Field(4096, description="of all streets, for one update")
     batch_size: Positive = 256
     n_epochs: Positive = 10
     gamma: float = Field(DISCOUNT, gt=0, le=1)
@@ -103,6 +103,15 @@ class Setup(_Section):
             raise ValueError("the observation state has ego's speed anyway: leave speed out")
         return self
 
+    @model_validator(mode="after")
+    def _streets_share_the_rollout(self) -> Self:
+        if self.learning.rollout_steps % self.streets:
+            raise ValueError(
+                f"{self.learning.rollout_steps} steps for an update are not the same for each of "
+                f"{self.streets} streets: choose a multiple"
+            )
+        return self
+
     @property
     def hash(self) -> str:
         """12 hexadecimal digits of the SHA-256 of all that it says."""
@@ -155,18 +164,30 @@ def load_setup(source: str | Path) -> Setup:
         raise UsageError(
             f"{error.problem or 'this is no YAML'}", place=Place(str(path), line, column)
         ) from None
-    except (ValidationError, UnicodeDecodeError) as error:
-        raise _invalid(path, error) from None
+    except UnicodeDecodeError:
+        raise UsageError(f"'{path}' is no text", name=str(path)) from None
+    except ValidationError as error:
+        raise _invalid(str(path), error) from None
 
 
-def _invalid(path: Path, error: ValidationError | UnicodeDecodeError) -> UsageError:
-    if isinstance(error, UnicodeDecodeError):
-        return UsageError(f"'{path}' is no text", name=str(path))
+def changed(setup: Setup, **changes: Any) -> Setup:
+    """Return a setup that differs in some fields.
+
+    Raises:
+        UsageError: it is not valid so.
+    """
+    try:
+        return Setup.model_validate(setup.model_dump() | changes)
+    except ValidationError as error:
+        raise _invalid(f"the setup '{setup.name}'", error) from None
+
+
+def _invalid(source: str, error: ValidationError) -> UsageError:
     first = error.errors()[0]
-    key = ".".join(map(str, first["loc"])) or "the file"
+    key = ".".join(map(str, first["loc"])) or "as a whole"
     last = str(first["loc"][-1]) if first["loc"] else ""
     return UsageError(
-        f"{path}: {key}: {first['msg']}",
+        f"{source}: {key}: {first['msg']}",
         name=key,
         suggestion=did_you_mean(last, [*Setup.model_fields, *Learning.model_fields])
         if first["type"] == "extra_forbidden"

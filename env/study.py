@@ -58,12 +58,12 @@ class StudyPlan:
 
 def quick(setup: Setup) -> Setup:
     """Return a setup cut to three updates of PPO: it learns nothing, and shows that all works."""
-    learning = setup.learning.model_copy(update={"n_steps": 64, "batch_size": 64})
-    steps = 3 * learning.n_steps * setup.streets
+    update = 64 * setup.streets
+    learning = setup.learning.model_copy(update={"rollout_steps": update, "batch_size": 64})
     return setup.model_copy(
         update={
-            "stages": (Stage(steps=steps, traffic=("low", "high"), occlusion=("full",)),),
-            "checkpoint_steps": learning.n_steps * setup.streets,
+            "stages": (Stage(steps=3 * update, traffic=("low", "high"), occlusion=("full",)),),
+            "checkpoint_steps": update,
             "evaluation_episodes": setup.streets,
             "learning": learning,
         }

@@ -33,19 +33,16 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from torch import nn
 
 import sfol
+from env.camera import DashCameraParameters
 from env.cells import Cell
 from env.curriculum import StreetsInTurn
-from env.description import Describer
 from env.history import Clock, History, Row
-from env.networks import load_autoencoder, load_segmenter
-from env.pipeline import ScenePipeline
+from env.observation import observer_of
 from env.policy_files import PolicyCard, PolicyFile
 from env.results import versions
 from env.setup import Setup
-from env.vector import DescribedStreets
 from sfol.errors import UsageError
 from sfol.writing import replacing
-from vsr.segmentation import SimulatorSegmenter
 
 log = logging.getLogger(__name__)
 
@@ -56,8 +53,18 @@ Progress = Callable[[int, str], None]
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
+# Of the policy, a small network: on a GPU, where the workers' networks run, an update took half as
+# long again as on the processor beside it.
+_DEVICE = "cpu"
 # Of a setup's hyperparameters, those that PPO has no argument for.
-_OWN = {"layers", "mean_init", "log_std_init", "reward_scale", "observation_scale"}
+_OWN = {
+    "layers",
+    "mean_init",
+    "log_std_init",
+    "reward_scale",
+    "observation_scale",
+    "rollout_steps",
+}
 
 
 @dataclass(frozen=True)
@@ -129,12 +136,12 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
 
 @contextmanager
 def _threads_for(setup: Setup) -> Iterator[None]:
-    """Let torch use one thread where there is no picture, since only small networks are run then.
+    """Let torch use one thread where others drive, since only small networks are run here then.
 
     On two cores, with the workers that drive, more threads halved the pace.
     """
     threads = torch.get_num_threads()
-    if setup.observation == "state":
+    if setup.streets > 1:
         torch.set_num_threads(1)
     try:
         yield
@@ -142,31 +149,23 @@ def _threads_for(setup: Setup) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
-    """Return a setup's streets, with its observations and rewards.
+def make_streets(setup: Setup, cells: Sequence[Cell], seed: int) -> VecEnv:
+    """Return a setup's streets, with its observations and rewards, each in its own process.
+
+    The processes draw, perceive and describe for themselves, so that all processors are busy all
+    the time; what they return is small.
 
     Args:
         setup: gives rules, perception, observation, fusion and the number of streets.
         cells: to draw from.
         seed: of the first street; the others follow.
-        count: how many streets; the setup's number by default.
     """
-    described = setup.observation == "vsr"
-    options = {
-        "rules": sfol.KnowledgeBase.load(*setup.rules),
-        "observation": "frame" if described else setup.observation,
-        "perception": "none" if described else setup.perception,
-    }
-    make: Callable[[], Any] = partial(StreetsInTurn, tuple(cells), **options)
-    number = count or setup.streets
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
     streets: VecEnv = (
-        DummyVecEnv([make]) if number == 1 else SubprocVecEnv([make] * number, start_method="spawn")
+        DummyVecEnv([make])
+        if setup.streets == 1
+        else SubprocVecEnv([partial(_in_one_thread, make)] * setup.streets, start_method="spawn")
     )
-    if described:
-        pipeline = _pipeline(setup)
-        encoder = None if setup.fusion == "ssi" else load_autoencoder()
-        describer = Describer(pipeline, setup.fusion, encoder)
-        streets = DescribedStreets(streets, pipeline, describer, speed=setup.speed)
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
     # Monitored before they are scaled: returns are told as the rules give them.
@@ -177,6 +176,25 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
     )
     streets.seed(seed)
     return streets
+
+
+def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
+    """Return what one process drives on."""
+    observer = observer_of(
+        setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
+    )
+    return StreetsInTurn(
+        cells,
+        rules=sfol.KnowledgeBase.load(*setup.rules),
+        perception=setup.perception,
+        observation=observer,
+    )
+
+
+def _in_one_thread(make: Callable[[], Any]) -> Any:
+    """Make a worker's streets; there is a worker for each processor already."""
+    torch.set_num_threads(1)
+    return make()
 
 
 class ScaledStreets(VecEnvWrapper):
@@ -211,11 +229,6 @@ class ScaledStreets(VecEnvWrapper):
         return scaled, self._rewards * rewards, dones, infos
 
 
-def _pipeline(setup: Setup) -> ScenePipeline:
-    segmenter = load_segmenter() if setup.perception == "unet" else SimulatorSegmenter()
-    return ScenePipeline(sfol.KnowledgeBase.load(*setup.rules), segmenter)
-
-
 # -- checkpoints ----------------------------------------------------------------------------------
 
 
@@ -237,7 +250,7 @@ def _model(setup: Setup, streets: VecEnv, folder: Path) -> PPO:
     """Return the model of the last checkpoint that can be read, or a new one."""
     for path in sorted(folder.glob("checkpoint-*.zip"), reverse=True):
         try:
-            return PPO.load(path, env=streets, device="auto")
+            return PPO.load(path, env=streets, device=_DEVICE)
         except Exception as error:  # whatever unpickling half a file may raise
             log.warning("%s can't be read and is skipped: %s", path, error)
     return new_model(setup, streets)
@@ -251,10 +264,12 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
         "MlpPolicy",
         streets,
         seed=setup.seed,
+        device=_DEVICE,
         policy_kwargs={
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
         },
+        n_steps=learning.rollout_steps // setup.streets,
         **learning.model_dump(exclude=_OWN),
     )
     torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)

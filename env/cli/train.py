@@ -11,7 +11,7 @@ from rich.table import Table
 
 from env.cli.app import app
 from env.cli.progress import counters
-from env.setup import load_setup, setup_names
+from env.setup import changed, load_setup, setup_names
 from env.study_results import training_name
 
 
@@ -21,6 +21,10 @@ def train(
         str, typer.Option(help=f"A YAML file, or one of {', '.join(setup_names())}.")
     ] = "add",
     seed: Annotated[int | None, typer.Option(help="Instead of the setup's.")] = None,
+    streets: Annotated[
+        int | None,
+        typer.Option(help="Driven at once, each in its own process, instead of the setup's."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Folder of the training. [default: runs/train/SETUP-seedN]"),
@@ -33,13 +37,16 @@ def train(
     policy that did best in them, which `aeb evaluate --driver` takes. The same command goes on
     from the last checkpoint.
 
+    More streets at once use more processors, and up to 1.5 GB of memory each; an update comes
+    after as many steps of all streets together.
+
     Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
     """
     from env.training import train as run  # noqa: PLC0415  (slow to import, and few need it)
 
-    chosen = load_setup(setup)
-    if seed is not None:
-        chosen = chosen.model_copy(update={"seed": seed})
+    options = {"seed": seed, "streets": streets}
+    given = {name: value for name, value in options.items() if value is not None}
+    chosen = changed(load_setup(setup), **given)
     folder = output or Path("runs/train") / training_name(chosen.name, chosen.seed)
     console = Console(highlight=False)
     with counters(console, "steps") as bars:

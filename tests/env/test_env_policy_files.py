@@ -93,8 +93,15 @@ def test_it_drives_as_the_model_from_its_file_alone(policy, model, streets):
 
 
 def test_it_observes_what_it_was_trained_on(tmp_path):
-    chosen = setup(observation="vsr", perception="simulator", fusion="ssi", speed=True, frames=2)
-    trained_on = make_streets(chosen, [CELL], seed=0, count=1)
+    chosen = setup(
+        observation="vsr",
+        perception="simulator",
+        fusion="ssi",
+        speed=True,
+        frames=2,
+        streets=1,
+    )
+    trained_on = make_streets(chosen, [CELL], seed=0)
     path = write(tmp_path / "vsr.safetensors", untrained(trained_on), chosen)
     trained_on.seed(7)  # the model has given it its own
     driver = TrainedDriver(path)

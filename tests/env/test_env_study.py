@@ -20,7 +20,7 @@ SMALL = {
     "stages": [{"steps": 48, "traffic": ["low"], "occlusion": ["partial"]}],
     "streets": 1,
     "evaluation_episodes": 1,
-    "learning": {"n_steps": 16, "batch_size": 16, "n_epochs": 1, "layers": [8]},
+    "learning": {"rollout_steps": 16, "batch_size": 16, "n_epochs": 1, "layers": [8]},
 }
 FAST = {"observation": "state", "perception": "truth"}
 HERE = (Cell("low", "partial"), Cell("high", "full"))
@@ -115,7 +115,7 @@ def test_a_stretch_without_an_episode_is_no_point_of_the_curve():
 def test_in_short_a_setup_keeps_all_but_its_length(name):
     setup = load_setup(name)
     short = quick(setup)
-    assert short.steps == 3 * short.learning.n_steps * short.streets
+    assert short.steps == 3 * short.learning.rollout_steps
     assert short.learning.layers == setup.learning.layers
     kept = {"name", "rules", "observation", "perception", "fusion", "speed", "frames", "streets"}
     assert short.model_dump(include=kept) == setup.model_dump(include=kept)

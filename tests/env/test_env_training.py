@@ -28,7 +28,7 @@ streets: 1
 checkpoint_steps: 16
 evaluation_steps: 1000
 evaluation_episodes: 1
-learning: {n_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
+learning: {rollout_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
 """
 
 
@@ -80,6 +80,7 @@ def test_stages_follow_one_another():
         ("[low]", "[slow]", "traffic"),
         ("streets: 1", "speed: true", "has ego's speed anyway"),
         ("steps: 64", "steps: 0", "greater than 0"),
+        ("streets: 1", "streets: 3", "16 steps for an update.*3 streets: choose a multiple"),
         ("version: 1", "version: [", "small.yaml:"),
     ],
 )
@@ -95,6 +96,40 @@ def test_mistakes_in_a_setup_are_named(setup_file, old, new, message):
 def test_an_unknown_setup_has_a_suggestion():
     with pytest.raises(UsageError, match="did you mean 'multiply'"):
         load_setup("multipy")
+
+
+def test_the_number_of_streets_is_an_option(setup_file, tmp_path):
+    command = ["train", "--setup", str(setup_file), "--output", str(tmp_path / "run")]
+    done = CliRunner().invoke(app, [*command, "--streets", "3"])
+    assert isinstance(done.exception, UsageError)
+    assert "3 streets: choose a multiple" in str(done.exception)
+    done = CliRunner().invoke(app, [*command, "--streets", "4"])
+    assert done.exit_code == 0
+    card = PolicyFile(tmp_path / "run" / "policy.safetensors").card()
+    assert card.setup == load_setup(setup_file).model_copy(update={"streets": 4})
+    assert card.steps == 64
+
+
+@pytest.mark.parametrize("speed", [False, True])
+def test_streets_in_processes_are_as_one_alone(speed):
+    """A worker draws, perceives, describes and rewards as a street does in this process."""
+    stages = [{"steps": 4096, "traffic": ["low"], "occlusion": ["full"]}]
+    chosen = {"version": 1, "name": "s", "stages": stages, "fusion": "ssi", "speed": speed}
+    setups = (Setup.model_validate({**chosen, "streets": count}) for count in (2, 1))
+    many, alone = (make_streets(setup, setup.stages[0].cells, seed=7) for setup in setups)
+    with contextlib.closing(many), contextlib.closing(alone):
+        np.testing.assert_array_equal(many.reset()[:1], alone.reset())
+        for pedal in (1.0, 1.0, -0.5):
+            observations, rewards, _, infos = many.step(np.array([[pedal], [0.2]], np.float32))
+            expected, reward, _, (info,) = alone.step(np.array([[pedal]], np.float32))
+            np.testing.assert_array_equal(observations[:1], expected)
+            np.testing.assert_allclose(rewards[:1], reward, rtol=1e-6)  # float64 and float32
+            assert infos[0] == info
+        assert np.abs(observations[0, :2048]).max() > 0.1
+        assert not np.array_equal(observations[0], observations[1])
+        share = pytest.approx(info["speed"] / (40 / 3.6))
+        assert observations.shape == (2, 2048 + speed)
+        assert not speed or observations[0, -1] == share
 
 
 def streets_with(**learning):
@@ -166,7 +201,9 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
 
 
 def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_path):
-    text = SMALL.replace("steps: 64", "steps: 128").replace("n_steps: 16", "n_steps: 64")
+    text = SMALL.replace("steps: 64", "steps: 128").replace(
+        "rollout_steps: 16", "rollout_steps: 64"
+    )
     setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 64})
     folder = tmp_path / "run"
 
