@@ -45,10 +45,13 @@ class Learning(_Section):
     stronger: ego stands.
     """
 
-    learning_rate: float = Field(5e-4, gt=0)
+    learning_rate: float = Field(2e-4, gt=0)
+    last_learning_rate: float = Field(
+        2e-5, gt=0, description="at the end; from the first to the last it falls evenly"
+    )
     rollout_steps: Positive = Field(4096, description="of all streets, for one update")
     batch_size: Positive = 256
-    n_epochs: Positive = 10
+    n_epochs: Positive = 4
     gamma: float = Field(DISCOUNT, gt=0, le=1)
     gae_lambda: float = Field(0.95, ge=0, le=1)
     clip_range: float = Field(0.2, gt=0)

@@ -35,7 +35,7 @@ class StudyPlan:
     """What a study does.
 
     Attributes:
-        setups: to train, each with every seed.
+        setups: to train, each with every seed, by the file or name that they were asked for by.
         seeds: of the trainings.
         cells: in which the policies drive. Of the last one, a trajectory is kept: with all cells
             that is one with high traffic, as in the paper.
@@ -46,7 +46,7 @@ class StudyPlan:
         results: folder for what is found.
     """
 
-    setups: tuple[Setup, ...]
+    setups: Mapping[str, Setup]
     seeds: tuple[int, ...]
     cells: tuple[Cell, ...]
     episodes: int
@@ -77,18 +77,19 @@ def run_study(plan: StudyPlan, progress: Progress) -> None:
         plan: what is to be done.
         progress: called with what is being done, how much of it is done, and of how much.
     """
-    for setup in plan.setups:
+    for source, setup in plan.setups.items():
         for seed in plan.seeds:
             seeded = setup.model_copy(update={"seed": seed})
-            _study_one(plan, quick(seeded) if plan.in_short else seeded, progress)
+            command = _command(plan, source, seed)
+            _study_one(plan, quick(seeded) if plan.in_short else seeded, command, progress)
 
 
-def _study_one(plan: StudyPlan, setup: Setup, progress: Progress) -> None:
+def _study_one(plan: StudyPlan, setup: Setup, command: str, progress: Progress) -> None:
     name = training_name(setup.name, setup.seed)
     rules = sfol.KnowledgeBase.load(*setup.rules)
     if _is_complete(plan, setup, name, rules):
         return
-    policy = _trained(plan, setup, rules, progress)
+    policy = _trained(plan, setup, rules, command, progress)
     drives = [
         Drive(
             driver=str(policy),
@@ -100,8 +101,8 @@ def _study_one(plan: StudyPlan, setup: Setup, progress: Progress) -> None:
         )
         for cell in plan.cells
     ]
-    _drive(plan, drives, _command(plan, setup), progress)
-    _record_trajectory(plan, drives[-1], _command(plan, setup))
+    _drive(plan, drives, command, progress)
+    _record_trajectory(plan, drives[-1], command)
 
 
 def _is_complete(plan: StudyPlan, setup: Setup, name: str, rules: sfol.KnowledgeBase) -> bool:
@@ -118,7 +119,9 @@ def _is_complete(plan: StudyPlan, setup: Setup, name: str, rules: sfol.Knowledge
     )
 
 
-def _trained(plan: StudyPlan, setup: Setup, rules: sfol.KnowledgeBase, progress: Progress) -> Path:
+def _trained(
+    plan: StudyPlan, setup: Setup, rules: sfol.KnowledgeBase, command: str, progress: Progress
+) -> Path:
     """Train a setup unless it is trained, and return its policy."""
     from env.training import train  # noqa: PLC0415  (slow to import, and few need it)
 
@@ -137,7 +140,7 @@ def _trained(plan: StudyPlan, setup: Setup, rules: sfol.KnowledgeBase, progress:
         knowledge_base=rules.name,
         knowledge_base_hash=rules.hash,
         policy=file_hash(trained.policy),
-        command=_command(plan, setup),
+        command=command,
         versions=versions(),
         evaluations=trained.evaluations,
         curve=tuple(_curve(trained.episodes, setup.steps)),
@@ -168,10 +171,10 @@ def _mean(rows: Sequence[dict[str, float]], name: str) -> float:
     return sum(row[name] for row in rows) / len(rows)
 
 
-def _command(plan: StudyPlan, setup: Setup) -> str:
+def _command(plan: StudyPlan, source: str, seed: int) -> str:
     """Return what makes a setup's results again."""
     short = " --quick" if plan.in_short else ""
-    return f"aeb study --setup {setup.name} --seed {setup.seed} --episodes {plan.episodes}{short}"
+    return f"aeb study --setup {source} --seed {seed} --episodes {plan.episodes}{short}"
 
 
 def _drive(plan: StudyPlan, drives: Sequence[Drive], command: str, progress: Progress) -> None:

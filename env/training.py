@@ -20,7 +20,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import LinearSchedule, set_random_seed
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
     SubprocVecEnv,
@@ -38,6 +38,7 @@ from env.cells import Cell
 from env.curriculum import StreetsInTurn
 from env.history import Clock, History, Row
 from env.observation import observer_of
+from env.parallel import cores
 from env.policy_files import PolicyCard, PolicyFile
 from env.results import versions
 from env.setup import Setup
@@ -58,6 +59,7 @@ _KEPT_CHECKPOINTS = 3
 _DEVICE = "cpu"
 # Of a setup's hyperparameters, those that PPO has no argument for.
 _OWN = {
+    "last_learning_rate",
     "layers",
     "mean_init",
     "log_std_init",
@@ -100,6 +102,10 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     """
     folder.mkdir(parents=True, exist_ok=True)
     _claim(folder, setup)
+    evaluations = History(folder / "evaluations.jsonl").rows()
+    if evaluations and evaluations[-1]["steps"] >= setup.steps:
+        steps = evaluations[-1]["steps"]
+        return _Record(setup, folder, steps).trained(steps)
     with _threads_for(setup):
         return _train(setup, folder, progress)
 
@@ -127,8 +133,8 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
                 callback=CallbackList(callbacks),
                 reset_num_timesteps=False,
             )
-            record.evaluate(model)
             _checkpoint(folder, model)
+        record.evaluate(model)
     finally:
         streets.close()
     return record.trained(model.num_timesteps)
@@ -149,7 +155,7 @@ def _threads_for(setup: Setup) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def make_streets(setup: Setup, cells: Sequence[Cell], seed: int) -> VecEnv:
+def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
     """Return a setup's streets, with its observations and rewards, each in its own process.
 
     The processes draw, perceive and describe for themselves, so that all processors are busy all
@@ -159,12 +165,14 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int) -> VecEnv:
         setup: gives rules, perception, observation, fusion and the number of streets.
         cells: to draw from.
         seed: of the first street; the others follow.
+        count: how many streets; the setup's number by default.
     """
     make: Callable[[], Any] = partial(_street, setup, tuple(cells))
+    number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
-        if setup.streets == 1
-        else SubprocVecEnv([partial(_in_one_thread, make)] * setup.streets, start_method="spawn")
+        if number == 1
+        else SubprocVecEnv([partial(_in_one_thread, make)] * number, start_method="spawn")
     )
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
@@ -270,7 +278,12 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
             "log_std_init": learning.log_std_init,
         },
         n_steps=learning.rollout_steps // setup.streets,
-        **learning.model_dump(exclude=_OWN),
+        **learning.model_dump(exclude=_OWN)
+        | {
+            "learning_rate": LinearSchedule(
+                learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
+            )
+        },
     )
     torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
     return model
@@ -463,7 +476,10 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
         share of success in each density of traffic that was drawn, such as ``success_low``.
     """
     cells = tuple(dict.fromkeys(cell for stage in setup.stages for cell in stage.cells))
-    streets = make_streets(setup, cells, EVALUATION_SEEDS + 1_000_000 * setup.seed)
+    # Those of the training wait meanwhile, and hold memory: more than there are processors are of
+    # no use.
+    count = min(setup.streets, cores())
+    streets = make_streets(setup, cells, EVALUATION_SEEDS + 1_000_000 * setup.seed, count=count)
     try:
         infos = list(_endings(model, streets, setup.evaluation_episodes))
     finally:

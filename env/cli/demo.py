@@ -20,9 +20,9 @@ from env.actors import Behaviour
 from env.cells import Traffic
 from env.cli.app import app
 from env.crossing import OccludedCrossing
-from env.drivers import DRIVERS
 from env.episode import Episode, Step
 from env.moment import moment_pictures
+from env.policies import TRAINED, make_driver
 from env.recording import coverage, drive, most_dangerous, signals_of, write_log
 from env.report import Focus, Provenance, write_report
 from env.world import Occlusion
@@ -39,10 +39,11 @@ class DemoDrive(NamedTuple):
     seed: int
 
 
-# A careful driver in three cells, and one who never brakes, on the last one's very street.
+# The trained policy in three cells, and two scripted drivers on the last one's very street.
 DEMO = (
-    DemoDrive("cautious", "low", "partial", "briefly_visible", 1),
-    DemoDrive("cautious", "medium", "full", "hidden", 2),
+    DemoDrive(TRAINED, "low", "partial", "briefly_visible", 1),
+    DemoDrive(TRAINED, "medium", "full", "hidden", 2),
+    DemoDrive(TRAINED, "high", "full", "hidden", 10),
     DemoDrive("cautious", "high", "full", "hidden", 10),
     DemoDrive("full_throttle", "high", "full", "hidden", 10),
 )
@@ -56,7 +57,7 @@ def demo(
     output: Annotated[Path, typer.Option(help="Folder for report.html.")] = Path("runs/demo"),
     seed: Annotated[int, typer.Option(help="Added to the seeds of the episodes.")] = 0,
 ) -> None:
-    """Drive four episodes, explain the most dangerous moment, write a report.
+    """Drive five episodes, explain the most dangerous moment, write a report.
 
     At every step the camera image is segmented, entities and facts are found, the rules are
     applied and the reward is computed. The report is one page that needs no network; the log beside
@@ -120,7 +121,7 @@ def _drive_one(plan: DemoDrive, kb: sfol.KnowledgeBase, bars: Progress) -> Episo
     try:
         return drive(
             street,
-            DRIVERS[plan.driver](),
+            make_driver(plan.driver),
             plan.seed,
             name=plan.driver,
             progress=lambda step: bars.update(bar, completed=step.position),

@@ -69,10 +69,9 @@ def study(  # noqa: PLR0913 (each is an option)
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
     console = Console(highlight=False)
-    chosen = [load_setup(name) for name in setup or _papers()]
     folder = output or Path("runs/quick" if in_short else "runs/study")
     plan = StudyPlan(
-        setups=tuple(chosen),
+        setups={source: load_setup(source) for source in setup or _papers()},
         seeds=tuple(seed or [0]),
         cells=tuple(map(Cell.parse, cell)) if cell else CELLS,
         episodes=episodes or (1 if in_short else 100),

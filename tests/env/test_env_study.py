@@ -36,7 +36,7 @@ def short_episodes(monkeypatch):
 @pytest.fixture
 def plan(tmp_path):
     return StudyPlan(
-        setups=(load_setup(write(tmp_path, **FAST)),),
+        setups={"my/small.yaml": load_setup(write(tmp_path, **FAST))},
         seeds=(3,),
         cells=HERE,
         episodes=2,
@@ -78,7 +78,7 @@ def test_every_setup_and_seed_is_trained_and_drives_in_every_cell(plan):
         assert drive.settings.policy == training.policy
         assert drive.settings.perception == "truth"
         assert drive.summary.timeout.count == 2
-        assert "aeb study --setup small --seed 3" in drive.command
+        assert "aeb study --setup my/small.yaml --seed 3" in drive.command
     (trajectory,) = plan.results.trajectories()
     assert (trajectory.traffic, trajectory.occlusion) == HERE[-1]
     columns = [*trajectory.confidences.values(), *trajectory.weights.values()]

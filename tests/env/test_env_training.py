@@ -169,7 +169,7 @@ def test_the_first_actions_are_drawn_around_the_setup_s_mean():
         assert (model.policy.log_std == -1.0).all()
 
 
-def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
+def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog, monkeypatch):
     folder = tmp_path / "run"
 
     class StoppedError(Exception):
@@ -196,8 +196,16 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog):
     assert trained.steps == 64
     assert not list(folder.glob("*.part*"))
 
-    again = train(load_setup(setup_file), folder)  # there is nothing left to do
-    assert again == trained
+    # Stopped in the evaluation at the end, it has only that left to do.
+    (folder / "evaluations.jsonl").unlink()
+    seen.clear()
+    again = train(load_setup(setup_file), folder, progress=lambda steps, stage: seen.append(steps))
+    assert seen == []
+    assert [row["steps"] for row in again.evaluations] == [64]
+    assert again.episodes == trained.episodes
+
+    monkeypatch.setattr(training, "make_streets", None)  # there is nothing left to do
+    assert train(load_setup(setup_file), folder) == again
 
 
 def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_path):
