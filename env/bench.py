@@ -67,8 +67,7 @@ def measure() -> dict[str, Any]:
 def _training_pace(perception: str) -> float:
     """Return how many steps a second all streets of the main setup drive, random actions.
 
-    That is all of a training but for policy and updates: workers render, this process perceives,
-    describes and rewards.
+    That is all of a training but for policy and updates.
     """
     setup = load_setup("add").model_copy(update={"perception": perception})
     streets = make_streets(setup, [Cell("medium", "full")], seed=0)
