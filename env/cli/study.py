@@ -64,7 +64,7 @@ def study(  # noqa: PLR0913 (each is an option)
     rules and episodes, is not done again, and a training goes on from its last checkpoint.
     In the end all is drawn, as by `aeb figures`.
 
-    For example `aeb study --quick`, in some twenty minutes, or
+    For example `aeb study --quick`, in some ten minutes, or
 
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
