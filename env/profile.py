@@ -65,8 +65,11 @@ def record(
         return
     output.mkdir(parents=True, exist_ok=True)
     stacks = output / "stacks.txt"
-    for kind, file in (("raw", stacks), ("flamegraph", output / "flame.svg")):
+    flame = output / "flame.svg"
+    for kind, file in (("raw", stacks), ("flamegraph", flame)):
         _sample(kind, file, perception)
+    with replacing(flame) as part:
+        part.write_text(without_folders(flame.read_text(encoding="utf-8")), encoding="utf-8")
     stages = by_stage(stacks.read_text(encoding="utf-8").splitlines())
     stacks.unlink()
     with replacing(output / "stages.json") as part:
@@ -103,6 +106,15 @@ def by_stage(stacks: Iterable[str]) -> dict[str, float]:
             samples[stage] += int(count)
     milliseconds = 1000.0 / (_RATE * 3 * _STEPS)
     return {stage: round(samples[stage] * milliseconds, 2) for stage in (*_STAGES, _OTHER)}
+
+
+def without_folders(picture: str) -> str:
+    """Return a flame graph that names programs without their folders, so that it can be passed on.
+
+    Args:
+        picture: py-spy's SVG, which has the commands of all processes in it.
+    """
+    return picture.replace(f"{Path(sys.executable).parent}/", "")
 
 
 def _stage(stack: str) -> str | None:

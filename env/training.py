@@ -57,8 +57,9 @@ _KEPT_CHECKPOINTS = 3
 # Of the policy, a small network: on a GPU, where the workers' networks run, an update took half as
 # long again as on the processor beside it.
 _DEVICE = "cpu"
-# Of a setup's hyperparameters, those that PPO has no argument for.
+# Of a setup's hyperparameters, those that PPO does not take as they are.
 _OWN = {
+    "learning_rate",
     "last_learning_rate",
     "layers",
     "mean_init",
@@ -277,13 +278,11 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
         },
+        learning_rate=LinearSchedule(
+            learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
+        ),
         n_steps=learning.rollout_steps // setup.streets,
-        **learning.model_dump(exclude=_OWN)
-        | {
-            "learning_rate": LinearSchedule(
-                learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
-            )
-        },
+        **learning.model_dump(exclude=_OWN),
     )
     torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
     return model
