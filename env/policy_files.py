@@ -17,6 +17,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from env.setup import Setup
+from env.whitening import Whitening
 from sfol.errors import UsageError
 from sfol.writing import replacing
 from vsr.codebook import Codebook
@@ -117,10 +118,15 @@ class PolicyFile:
 def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:
     """Return the weights of what chooses the most likely actions, by the names of `_perceptron`.
 
-    The model was trained on observations times a scale; these weights take them as they are.
+    The model was trained on observations that were scaled and whitened; these weights take them as
+    they are.
     """
-    actor = nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
+    policy = model.policy
+    actor = nn.Sequential(*policy.mlp_extractor.policy_net, policy.action_net)
     state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
+    if isinstance(policy.features_extractor, Whitening):
+        folded = policy.features_extractor.folded(state["0.weight"], state["0.bias"])
+        state["0.weight"], state["0.bias"] = folded
     state["0.weight"] *= scale
     return state
 

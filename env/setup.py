@@ -17,6 +17,8 @@ from vsr.fusion import Method
 
 _FOLDER = Path(__file__).resolve().parents[1] / "setups"
 
+MEASURED_AT_LEAST = 128  # observations, to whiten them
+
 Positive = Annotated[int, Field(gt=0)]
 
 
@@ -67,6 +69,12 @@ class Learning(_Section):
     observation_scale: float = Field(
         1.0, gt=0, description="factor on observations, so that the first layer is not saturated"
     )
+    whitening_steps: int = Field(
+        0,
+        ge=0,
+        description="driven before the first update to measure how observations vary, so that "
+        "learning sees all that varies alike; 0: observations are taken as they are",
+    )
     mean_init: float = Field(
         0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
@@ -104,6 +112,15 @@ class Setup(_Section):
     def _state_has_speed(self) -> Self:
         if self.speed and self.observation == "state":
             raise ValueError("the observation state has ego's speed anyway: leave speed out")
+        return self
+
+    @model_validator(mode="after")
+    def _whitening_is_measured(self) -> Self:
+        if 0 < self.learning.whitening_steps < MEASURED_AT_LEAST:
+            raise ValueError(
+                f"{self.learning.whitening_steps} steps tell too little of how observations vary: "
+                f"choose {MEASURED_AT_LEAST} or more, or 0"
+            )
         return self
 
     @model_validator(mode="after")

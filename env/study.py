@@ -15,7 +15,7 @@ from env.evaluate import FIRST_SEED, Drive, evaluate
 from env.policies import file_hash, make_driver
 from env.results import versions
 from env.rollout import Transition, rollout
-from env.setup import Setup, Stage
+from env.setup import MEASURED_AT_LEAST, Setup, Stage
 from env.study_results import (
     CurvePoint,
     StudyFolder,
@@ -59,7 +59,10 @@ class StudyPlan:
 def quick(setup: Setup) -> Setup:
     """Return a setup cut to three updates of PPO: it learns nothing, and shows that all works."""
     update = 64 * setup.streets
-    learning = setup.learning.model_copy(update={"rollout_steps": update, "batch_size": 64})
+    measured = min(setup.learning.whitening_steps, MEASURED_AT_LEAST)
+    learning = setup.learning.model_copy(
+        update={"rollout_steps": update, "batch_size": 64, "whitening_steps": measured}
+    )
     return setup.model_copy(
         update={
             "stages": (Stage(steps=3 * update, traffic=("low", "high"), occlusion=("full",)),),

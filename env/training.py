@@ -42,6 +42,7 @@ from env.parallel import cores
 from env.policy_files import PolicyCard, PolicyFile
 from env.results import versions
 from env.setup import Setup
+from env.whitening import Whitening
 from sfol.errors import UsageError
 from sfol.writing import replacing
 
@@ -67,6 +68,7 @@ _OWN = {
     "reward_scale",
     "observation_scale",
     "rollout_steps",
+    "whitening_steps",
 }
 
 
@@ -115,7 +117,10 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
     streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
     try:
-        model = _model(setup, streets, folder)
+        model = _last_model(streets, folder)
+        if model is None:
+            model = new_model(setup, streets)
+            _whiten(model, streets, setup, progress)
         # The model has given the streets its own seed; and a training that goes on meets new ones.
         streets.seed(TRAINING_SEEDS + 1_000_000 * setup.seed + model.num_timesteps)
         record = _Record(setup, folder, model.num_timesteps)
@@ -255,20 +260,21 @@ def _claim(folder: Path, setup: Setup) -> None:
         )
 
 
-def _model(setup: Setup, streets: VecEnv, folder: Path) -> PPO:
-    """Return the model of the last checkpoint that can be read, or a new one."""
+def _last_model(streets: VecEnv, folder: Path) -> PPO | None:
+    """Return the model of the last checkpoint that can be read; None where there is none."""
     for path in sorted(folder.glob("checkpoint-*.zip"), reverse=True):
         try:
             return PPO.load(path, env=streets, device=_DEVICE)
         except Exception as error:  # whatever unpickling half a file may raise
             log.warning("%s can't be read and is skipped: %s", path, error)
-    return new_model(setup, streets)
+    return None
 
 
 def new_model(setup: Setup, streets: VecEnv) -> PPO:
     """Return an untrained model with a setup's hyperparameters; it gives the streets its seed."""
     learning = setup.learning
     layers = list(learning.layers)
+    whitened = {"features_extractor_class": Whitening} if learning.whitening_steps else {}
     model = PPO(
         "MlpPolicy",
         streets,
@@ -277,6 +283,7 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
         policy_kwargs={
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
+            **whitened,
         },
         learning_rate=LinearSchedule(
             learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
@@ -286,6 +293,22 @@ def new_model(setup: Setup, streets: VecEnv) -> PPO:
     )
     torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
     return model
+
+
+def _whiten(model: PPO, streets: VecEnv, setup: Setup, progress: Progress) -> None:
+    """Let an untrained policy drive, and whiten observations by what it sees."""
+    steps, noise_steps = setup.learning.whitening_steps, setup.learning.sde_sample_freq
+    if not steps:
+        return
+    observations: Any = streets.reset()
+    seen: list[Array] = []
+    while len(seen) * streets.num_envs < steps:
+        if model.use_sde and noise_steps > 0 and len(seen) % noise_steps == 0:
+            model.policy.reset_noise(streets.num_envs)
+        progress(0, f"looking around, {len(seen) * streets.num_envs} of {steps} steps")
+        seen.append(observations)
+        observations, *_ = streets.step(model.predict(observations)[0])
+    cast(Whitening, model.policy.features_extractor).measure(np.concatenate(seen))
 
 
 def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
