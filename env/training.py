@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -55,6 +56,7 @@ Progress = Callable[[int, str], None]
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
+_RECENT = 50  # episodes whose successes the progress tells
 # Of the policy, a small network: on a GPU, where the workers' networks run, an update took half as
 # long again as on the processor beside it.
 _DEVICE = "cpu"
@@ -98,7 +100,8 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
         setup: what is trained.
         folder: for checkpoints, tensorboard's files, evaluations and the policy. A training that
             was stopped goes on from the last checkpoint that can be read.
-        progress: called with the steps done and the present cells.
+        progress: called with the steps done, and with the present traffic and the share of
+            successes among the last episodes.
 
     Raises:
         UsageError: the folder holds the training of another setup.
@@ -473,16 +476,22 @@ class _Episodes(BaseCallback):
 
 
 class _Progress(BaseCallback):
-    """Reports how far the training is."""
+    """Reports how far the training is, and how many of its last episodes were a success."""
 
     def __init__(self, setup: Setup, progress: Progress) -> None:
         super().__init__()
         self._setup = setup
         self._report = progress
+        self._successes: deque[bool] = deque(maxlen=_RECENT)
 
     def _on_step(self) -> bool:
+        endings = zip(self.locals["infos"], self.locals["dones"], strict=True)
+        self._successes.extend(info["is_success"] for info, done in endings if done)
         stage = self._setup.stage_at(self.num_timesteps)
-        self._report(self.num_timesteps, f"{'/'.join(stage.traffic)} traffic")
+        text = f"{'/'.join(stage.traffic)} traffic"
+        if self._successes:
+            text += f", {np.mean(self._successes):.0%} of {len(self._successes)} succeed"
+        self._report(self.num_timesteps, text)
         return True
 
 

@@ -231,6 +231,18 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
 
 
+def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
+    text = SMALL.replace("steps: 64", "steps: 640").replace(
+        "rollout_steps: 16", "rollout_steps: 64"
+    )
+    told = {}
+    setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 1000})
+    trained = train(setup, tmp_path, progress=lambda steps, text: told.update({steps: text}))
+    first = trained.episodes[0]
+    assert told[first["steps"] - 1] == "low traffic"
+    assert told[first["steps"]] == f"low traffic, {first['is_success']:.0%} of 1 succeed"
+
+
 def test_the_policy_is_the_best_of_the_evaluations(setup_file, tmp_path, monkeypatch):
     found = iter([(0.5, 1.0), (0.9, 2.0), (0.9, 1.0), (0.1, 9.0)])
 
