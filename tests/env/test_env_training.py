@@ -128,9 +128,9 @@ def test_streets_in_processes_are_as_one_alone(speed):
             assert infos[0] == info
         assert np.abs(observations[0, :2048]).max() > 0.1
         assert not np.array_equal(observations[0], observations[1])
-        share = pytest.approx(info["speed"] / (40 / 3.6))
+        top_speed = 40 / 3.6
         assert observations.shape == (2, 2048 + speed)
-        assert not speed or observations[0, -1] == share
+        assert not speed or observations[0, -1] == pytest.approx(20 * info["speed"] / top_speed)
 
 
 def streets_with(**learning):
