@@ -79,6 +79,11 @@ class Learning(_Section):
         0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
     log_std_init: float = Field(-1.0, description="logarithm of the actions' first deviation")
+    last_log_std: float | None = Field(
+        None,
+        description="the greatest that it may be at the end; the limit falls evenly from the first "
+        "to this, so that a policy learns to drive without noise, as it will; null: no limit",
+    )
     layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
 
 

@@ -64,6 +64,7 @@ _DEVICE = "cpu"
 _OWN = {
     "learning_rate",
     "last_learning_rate",
+    "last_log_std",
     "layers",
     "mean_init",
     "log_std_init",
@@ -130,6 +131,7 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         model.set_logger(configure(str(folder), ["tensorboard"]))
         callbacks: list[BaseCallback] = [
             _Curriculum(setup),
+            _LessNoise(setup),
             _RewardParts(),
             _Episodes(record),
             _BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
@@ -424,6 +426,29 @@ class _Curriculum(BaseCallback):
         if cells != self._cells:
             self._cells = cells
             self.training_env.env_method("use", cells)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class _LessNoise(BaseCallback):
+    """Lets the actions' greatest deviation fall in the course of a training, if the setup says so.
+
+    Policies that have learnt with much noise to the end collide more often without it.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        super().__init__()
+        self._steps = setup.steps
+        self._first = setup.learning.log_std_init
+        self._last = setup.learning.last_log_std
+
+    def _on_rollout_start(self) -> None:
+        if self._last is None:
+            return
+        done = min(self.num_timesteps / self._steps, 1.0)
+        log_std = cast(nn.Parameter, self.model.policy.log_std)
+        log_std.data.clamp_(max=self._first + done * (self._last - self._first))
 
     def _on_step(self) -> bool:
         return True

@@ -7,6 +7,7 @@ import logging
 import numpy as np
 import pytest
 import yaml
+from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
 from env import training
@@ -229,6 +230,16 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     assert all(row["success_low"] == row["success"] for row in trained.evaluations)
     assert 90 not in {row["steps"] for row in trained.episodes}
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+@pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])
+def test_noise_falls_to_what_the_setup_says(tmp_path, last, greatest):
+    content = yaml.safe_load(SMALL)
+    content["learning"] |= {"last_log_std": last}
+    train(Setup.model_validate(content), tmp_path)
+    model = PPO.load(max(tmp_path.glob("checkpoint-*.zip")))
+    # Its last limit was set after 48 of 64 steps; one update came after that.
+    assert model.policy.log_std.max().item() == pytest.approx(greatest, abs=0.01)
 
 
 def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
