@@ -20,7 +20,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from env.setup import Learning, load_setup
+from env.setup import load_setup
 from sfol.cli import run
 from sfol.errors import MissingExtraError
 from sfol.writing import replacing
@@ -82,8 +82,9 @@ def train(perception: str) -> None:
     """Train for the updates that are sampled."""
     from env.training import make_streets, new_model  # noqa: PLC0415  (slow to import)
 
-    learning = Learning(rollout_steps=_STEPS)
-    setup = load_setup("add").model_copy(update={"perception": perception, "learning": learning})
+    setup = load_setup("add")
+    learning = setup.learning.model_copy(update={"rollout_steps": _STEPS})
+    setup = setup.model_copy(update={"perception": perception, "learning": learning})
     streets = make_streets(setup, setup.stages[-1].cells, seed=0)
     try:
         new_model(setup, streets).learn(3 * _STEPS)
