@@ -132,7 +132,7 @@ def _trained(
     trained = train(
         setup,
         plan.trainings / name,
-        progress=lambda steps, stage: progress(f"{name}: {stage}", steps, setup.steps),
+        progress=lambda steps, _: progress(f"{name}: training", steps, setup.steps),
     )
     result = TrainingResult(
         setup=setup.name,

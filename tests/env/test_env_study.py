@@ -63,7 +63,7 @@ def run(plan):
 def test_every_setup_and_seed_is_trained_and_drives_in_every_cell(plan):
     seen = run(plan)
     assert seen == {
-        "small-seed3: low traffic": (48, 48),
+        "small-seed3: training": (48, 48),
         "small-seed3: low/partial": (2, 2),
         "small-seed3: high/full": (2, 2),
     }
