@@ -22,9 +22,9 @@ ObservationKind = Literal["image", "state", "vsr", "frame"]
 _NEAREST = 10  # people in the state
 _REACH = 60.0  # m ahead of ego at which the state's distances end
 _ASIDE = 12.0  # m beside ego at which they end; the street is narrower
-# At ego's top speed. One number among 2048, most of them around 3, would hardly be learnt from if
-# it were not larger.
-_TOP_SPEED = 20.0
+# What ego's top speed is beside a VSR vector. One number among 2048, most of them around 3, would
+# hardly be learnt from if it were not larger.
+_SPEED_SCALE = 20.0
 
 STATE_FIELDS = (
     "speed",
@@ -129,7 +129,7 @@ class VsrObserver:
         if not self._speed:
             return vector
         share = street.ego.speed / street.ego.parameters.top_speed
-        return np.append(vector, np.float32(_TOP_SPEED * share))
+        return np.append(vector, np.float32(_SPEED_SCALE * share))
 
     def _make_describer(self, street: OccludedCrossing) -> Describer:
         from env.description import Describer  # noqa: PLC0415

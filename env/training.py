@@ -446,7 +446,7 @@ class _LessNoise(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self._last is None:
             return
-        done = min(self.num_timesteps / self._steps, 1.0)
+        done = self.num_timesteps / self._steps
         log_std = cast(nn.Parameter, self.model.policy.log_std)
         log_std.data.clamp_(max=self._first + done * (self._last - self._first))
 

@@ -63,8 +63,7 @@ class Whitening(BaseFeaturesExtractor):
         floor = deviations[0] * _FLOOR**0.5
         self.directions.copy_(directions)
         self.gains.copy_(floor / deviations.clamp(min=floor))
-        self.scale.fill_(1.0)
-        self.scale.copy_(_RMS / self(seen).square().mean().sqrt())
+        self.scale.copy_(_RMS / self._shrunk(seen - self.mean).square().mean().sqrt())
 
     def forward(self, observations: Tensor) -> Tensor:
         """Return z of observations, float (B, D)."""

@@ -272,6 +272,14 @@ def test_dead_features_leave_the_hypervector():
     torch.testing.assert_close(vectors, SceneDescriptor(Codebook()).entities([layout]))
 
 
+def test_ssi_is_computed_on_the_descriptor_s_device():
+    """On ``meta``, a device that every machine has, sums and products refuse a processor's tensors."""
+    descriptor = SceneDescriptor(Codebook(), device="meta")
+    vsr = descriptor.vsr(two_frames(descriptor), WEIGHTS)
+    assert (vsr.device.type, vsr.shape) == ("meta", (2, 2048))
+
+
+# What a GPU computes can only be seen on one: nothing on a processor stands in for its arithmetic.
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="compares with a GPU, and there is none")
 def test_a_gpu_gives_the_same_vectors():
     here = SceneDescriptor(Codebook(), fusion="add")
