@@ -513,7 +513,7 @@ class _Progress(BaseCallback):
         endings = zip(self.locals["infos"], self.locals["dones"], strict=True)
         self._successes.extend(info["is_success"] for info, done in endings if done)
         stage = self._setup.stage_at(self.num_timesteps)
-        text = f"{'/'.join(stage.traffic)} traffic"
+        text = "/".join(stage.traffic)
         if self._successes:
             text += f", {np.mean(self._successes):.0%} of {len(self._successes)} succeed"
         self._report(self.num_timesteps, text)

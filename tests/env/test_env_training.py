@@ -250,8 +250,8 @@ def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
     setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 1000})
     trained = train(setup, tmp_path, progress=lambda steps, text: told.update({steps: text}))
     first = trained.episodes[0]
-    assert told[first["steps"] - 1] == "low traffic"
-    assert told[first["steps"]] == f"low traffic, {first['is_success']:.0%} of 1 succeed"
+    assert told[first["steps"] - 1] == "low"
+    assert told[first["steps"]] == f"low, {first['is_success']:.0%} of 1 succeed"
 
 
 def test_the_policy_is_the_best_of_the_evaluations(setup_file, tmp_path, monkeypatch):
