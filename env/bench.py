@@ -15,7 +15,7 @@ from env.cells import Cell, Traffic
 from env.crossing import OccludedCrossing
 from env.drivers import Cautious
 from env.setup import load_setup
-from env.training import make_streets
+from env.vector_streets import make_streets
 from sfol.bench import median
 from vsr.codebook import Codebook
 from vsr.descriptor import SceneDescriptor

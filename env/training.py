@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -16,33 +15,31 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import LinearSchedule, set_random_seed
-from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    SubprocVecEnv,
-    VecEnv,
-    VecEnvWrapper,
-    VecFrameStack,
-    VecMonitor,
-)
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 import sfol
-from env.camera import DashCameraParameters
+from env.callbacks import (
+    BetweenUpdates,
+    Curriculum,
+    Episodes,
+    LessNoise,
+    Progress,
+    ProgressReport,
+    RewardParts,
+)
 from env.cells import Cell
-from env.curriculum import StreetsInTurn
 from env.history import Clock, History, Row
-from env.observation import observer_of
 from env.parallel import cores
 from env.policy_files import PolicyCard, PolicyFile
 from env.results import versions
 from env.setup import Setup
+from env.vector_streets import make_streets
 from env.whitening import Whitening
 from sfol.errors import UsageError
 from sfol.writing import replacing
@@ -50,13 +47,11 @@ from sfol.writing import replacing
 log = logging.getLogger(__name__)
 
 Array = npt.NDArray[np.float32]
-Progress = Callable[[int, str], None]
 
 # From these, streets draw the seeds of their episodes.
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
-_RECENT = 50  # episodes whose successes the progress tells
 # Of the policy, a small network: on a GPU, where the workers' networks run, an update took half as
 # long again as on the processor beside it.
 _DEVICE = "cpu"
@@ -130,13 +125,13 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         record = _Record(setup, folder, model.num_timesteps)
         model.set_logger(configure(str(folder), ["tensorboard"]))
         callbacks: list[BaseCallback] = [
-            _Curriculum(setup),
-            _LessNoise(setup),
-            _RewardParts(),
-            _Episodes(record),
-            _BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
-            _BetweenUpdates(setup.evaluation_steps, record.evaluate),
-            _Progress(setup, progress),
+            Curriculum(setup),
+            LessNoise(setup),
+            RewardParts(),
+            Episodes(record.episode),
+            BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
+            BetweenUpdates(setup.evaluation_steps, record.evaluate),
+            ProgressReport(setup, progress),
         ]
         if model.num_timesteps < setup.steps:
             model.learn(
@@ -164,88 +159,6 @@ def _threads_for(setup: Setup) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
-
-
-def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
-    """Return a setup's streets, with its observations and rewards, each in its own process.
-
-    The processes draw, perceive and describe for themselves, so that all processors are busy all
-    the time; what they return is small.
-
-    Args:
-        setup: gives rules, perception, observation, fusion and the number of streets.
-        cells: to draw from.
-        seed: of the first street; the others follow.
-        count: how many streets; the setup's number by default.
-    """
-    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
-    number = count or setup.streets
-    streets: VecEnv = (
-        DummyVecEnv([make])
-        if number == 1
-        else SubprocVecEnv([partial(_in_one_thread, make)] * number, start_method="spawn")
-    )
-    if setup.frames > 1:
-        streets = VecFrameStack(streets, setup.frames)
-    # Monitored before they are scaled: returns are told as the rules give them.
-    streets = ScaledStreets(
-        VecMonitor(streets),
-        observations=setup.learning.observation_scale,
-        rewards=setup.learning.reward_scale,
-    )
-    streets.seed(seed)
-    return streets
-
-
-def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
-    """Return what one process drives on."""
-    observer = observer_of(
-        setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
-    )
-    return StreetsInTurn(
-        cells,
-        rules=sfol.KnowledgeBase.load(*setup.rules),
-        perception=setup.perception,
-        observation=observer,
-    )
-
-
-def _in_one_thread(make: Callable[[], Any]) -> Any:
-    """Make a worker's streets; there is a worker for each processor already."""
-    torch.set_num_threads(1)
-    return make()
-
-
-class ScaledStreets(VecEnvWrapper):
-    """Streets whose observations and rewards are multiplied by factors.
-
-    The value function has to reach the size of the returns, and from about 1 that takes many
-    updates if they are 50; and units of tanh learn slowly from inputs that saturate them.
-
-    Args:
-        streets: without scales.
-        observations: factor on them, `PolicyFile.write` puts it into the policy's first layer.
-        rewards: factor on them.
-    """
-
-    def __init__(self, streets: VecEnv, *, observations: float, rewards: float) -> None:
-        space = cast(spaces.Box, streets.observation_space)
-        scaled = spaces.Box(observations * space.low, observations * space.high, dtype=np.float32)
-        super().__init__(streets, observation_space=scaled)
-        self._observations = np.float32(observations)
-        self._rewards = rewards
-
-    def reset(self) -> VecEnvObs:
-        """Start an episode in every street, and return scaled observations."""
-        return self._observations * cast(Array, self.venv.reset())
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Return what the streets return, with scaled observations and rewards."""
-        observations, rewards, dones, infos = self.venv.step_wait()
-        for i in np.flatnonzero(dones):
-            infos[i]["terminal_observation"] *= self._observations
-        scaled = self._observations * cast(Array, observations)
-        return scaled, self._rewards * rewards, dones, infos
 
 
 # -- checkpoints ----------------------------------------------------------------------------------
@@ -387,137 +300,6 @@ class _Record:
 
 def _goodness(evaluation: Row) -> tuple[float, float]:
     return evaluation["success"], evaluation["return"]
-
-
-# -- callbacks ------------------------------------------------------------------------------------
-
-
-class _BetweenUpdates(BaseCallback):
-    """Does something between two updates, when that many steps have passed since the last time."""
-
-    def __init__(self, interval: int, action: Callable[[BaseAlgorithm], None]) -> None:
-        super().__init__()
-        self._interval = interval
-        self._action = action
-        self._last = 0
-
-    def _on_training_start(self) -> None:
-        self._last = self.num_timesteps
-
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps - self._last >= self._interval:
-            self._last = self.num_timesteps
-            self._action(self.model)
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class _Curriculum(BaseCallback):
-    """Changes the cells where the setup says so."""
-
-    def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self._setup = setup
-        self._cells = setup.stages[0].cells
-
-    def _on_rollout_start(self) -> None:
-        cells = self._setup.stage_at(self.num_timesteps).cells
-        if cells != self._cells:
-            self._cells = cells
-            self.training_env.env_method("use", cells)
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class _LessNoise(BaseCallback):
-    """Lets the actions' greatest deviation fall in the course of a training, if the setup says so.
-
-    Policies that have learnt with much noise to the end collide more often without it.
-    """
-
-    def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self._steps = setup.steps
-        self._first = setup.learning.log_std_init
-        self._last = setup.learning.last_log_std
-
-    def _on_rollout_start(self) -> None:
-        if self._last is None:
-            return
-        done = self.num_timesteps / self._steps
-        log_std = cast(nn.Parameter, self.model.policy.log_std)
-        log_std.data.clamp_(max=self._first + done * (self._last - self._first))
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class _RewardParts(BaseCallback):
-    """Writes what rewards were made of: sums of terms and means of weights over each episode."""
-
-    def _on_training_start(self) -> None:
-        self._sums: list[dict[str, float]] = [{} for _ in range(self.training_env.num_envs)]
-        self._lengths = [0] * self.training_env.num_envs
-
-    def _on_step(self) -> bool:
-        for street, (info, done) in enumerate(
-            zip(self.locals["infos"], self.locals["dones"], strict=True)
-        ):
-            sums = self._sums[street]
-            for name, value in info.items():
-                if name.startswith(("reward_", "weight_", "confidence_")):
-                    sums[name] = sums.get(name, 0.0) + float(value)
-            self._lengths[street] += 1
-            if done:
-                self._write(sums, self._lengths[street])
-                for ending in ("is_success", "collision", "timeout"):
-                    self.logger.record_mean(f"Episode/{ending}", float(info[ending]))
-                self._sums[street], self._lengths[street] = {}, 0
-        return True
-
-    def _write(self, sums: dict[str, float], length: int) -> None:
-        for name, total in sums.items():
-            kind, part = name.split("_", 1)
-            if kind == "reward":
-                self.logger.record_mean(f"Episode_Reward/{part}", total)
-            else:
-                self.logger.record_mean(f"{kind.capitalize()}/{part}", total / length)
-
-
-class _Episodes(BaseCallback):
-    """Writes down every episode that ends."""
-
-    def __init__(self, record: _Record) -> None:
-        super().__init__()
-        self._record = record
-
-    def _on_step(self) -> bool:
-        for info, done in zip(self.locals["infos"], self.locals["dones"], strict=True):
-            if done:
-                self._record.episode(self.num_timesteps, info)
-        return True
-
-
-class _Progress(BaseCallback):
-    """Reports how far the training is, and how many of its last episodes were a success."""
-
-    def __init__(self, setup: Setup, progress: Progress) -> None:
-        super().__init__()
-        self._setup = setup
-        self._report = progress
-        self._successes: deque[bool] = deque(maxlen=_RECENT)
-
-    def _on_step(self) -> bool:
-        endings = zip(self.locals["infos"], self.locals["dones"], strict=True)
-        self._successes.extend(info["is_success"] for info, done in endings if done)
-        stage = self._setup.stage_at(self.num_timesteps)
-        text = "/".join(stage.traffic)
-        if self._successes:
-            text += f", {np.mean(self._successes):.0%} of {len(self._successes)} succeed"
-        self._report(self.num_timesteps, text)
-        return True
 
 
 def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:

@@ -15,7 +15,7 @@ from env.evaluate import Drive
 from env.policies import TrainedDriver, file_hash, make_driver
 from env.policy_files import PolicyCard, PolicyFile, act
 from env.setup import Setup
-from env.training import make_streets
+from env.vector_streets import make_streets
 from env.weights_folder import FOLDER_VARIABLE
 from sfol.errors import SfolError
 

@@ -15,7 +15,8 @@ from env.cli import app
 from env.history import History
 from env.policy_files import PolicyFile
 from env.setup import Setup, load_setup, setup_names
-from env.training import make_streets, new_model, train
+from env.training import new_model, train
+from env.vector_streets import make_streets
 from sfol import KnowledgeBase
 from sfol.errors import UsageError
 
