@@ -80,8 +80,8 @@ def record(
 @app.command(hidden=True)
 def train(perception: str) -> None:
     """Train for the updates that are sampled."""
-    from env.training import new_model  # noqa: PLC0415  (slow to import, as is the next)
-    from env.vector_streets import make_streets  # noqa: PLC0415
+    from env.training import new_model  # noqa: PLC0415  (slow to import)
+    from env.vector_streets import make_streets  # noqa: PLC0415  (slow to import)
 
     setup = load_setup("add")
     learning = setup.learning.model_copy(update={"rollout_steps": _STEPS})

@@ -21,7 +21,7 @@ from env.setup import MEASURED_AT_LEAST
 
 _RANK = MEASURED_AT_LEAST  # directions that may be shrunk, at most
 # Of the largest variance: what varies less than this stays as it is. With a tenth of it, a hundred
-# directions of VSR vectors count alike, most of them of little use, and PPO learns less.
+# directions of VSR vectors count alike, and on a stand-in with as many PPO learnt less.
 _FLOOR = 1e-2
 _RMS = 0.3  # of what comes out; much more would drive units of tanh to where they hardly learn
 

@@ -10,8 +10,8 @@ from rich.console import Console
 from env.cli.progress import counters, counting
 
 
-class Minutes:
-    """A clock that a test sets."""
+class HandSetClock:
+    """A clock that a test sets, in s."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -21,7 +21,7 @@ class Minutes:
 
 
 def test_in_a_log_a_line_tells_every_minute_how_far_it_is() -> None:
-    log, clock = StringIO(), Minutes()
+    log, clock = StringIO(), HandSetClock()
     with counters(Console(file=log), "steps", clock) as bars:
         task = bars.add_task("low traffic", total=100)
         told = []
@@ -42,3 +42,10 @@ def test_everything_that_is_counted_passes_and_shows_in_the_end(terminal: bool) 
         assert list(bar.count("crawl", iter("abc"))) == ["a", "b", "c"]
     assert "crawl" in shown.getvalue()
     assert "3/3" in shown.getvalue()
+
+
+def test_on_a_narrow_terminal_the_numbers_stay_whole() -> None:
+    shown = StringIO()
+    with counters(Console(file=shown, force_terminal=True, width=80), "steps") as bars:
+        bars.add_task("low/medium/high, 74% of 50 succeed", total=200_000, completed=112_345)
+    assert "112345/200000" in shown.getvalue()
