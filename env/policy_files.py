@@ -28,6 +28,7 @@ class PolicyCard(BaseModel):
 
     Attributes:
         setup: what it was trained as: rules, observation, fusion, streets, hyperparameters.
+        start: hash of the file of the policy that its training started from; None if from nothing.
         steps: of all streets together, that it was trained for.
         knowledge_base: the name of that which rewarded it.
         knowledge_base_hash: of its content.
@@ -38,6 +39,7 @@ class PolicyCard(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     setup: Setup
+    start: str | None = None
     steps: int
     knowledge_base: str
     knowledge_base_hash: str
@@ -115,18 +117,38 @@ class PolicyFile:
         return Codebook.load(self._codebook)
 
 
+def actor_of(model: Any) -> nn.Sequential:
+    """Return what chooses the most likely actions; its names are those of `_perceptron`."""
+    return nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
+
+
+def load_actor(model: Any, file: PolicyFile, scale: float) -> None:
+    """Let a model choose the actions that a written policy does.
+
+    Args:
+        model: PPO of stable-baselines3, with its ``MlpPolicy`` and layers as wide as the policy's,
+            not whitened.
+        file: of the policy.
+        scale: factor on the observations that the model is given.
+
+    Raises:
+        UsageError: the file can't be read, or holds something else.
+    """
+    state = file.network().state_dict()
+    state["0.weight"] = state["0.weight"] / scale
+    actor_of(model).load_state_dict(state)
+
+
 def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:
-    """Return the weights of what chooses the most likely actions, by the names of `_perceptron`.
+    """Return the weights of `actor_of` a model.
 
     The model was trained on observations that were scaled and whitened; these weights take them as
     they are.
     """
-    policy = model.policy
-    actor = nn.Sequential(*policy.mlp_extractor.policy_net, policy.action_net)
+    actor, features = actor_of(model), model.policy.features_extractor
     state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
-    if isinstance(policy.features_extractor, Whitening):
-        folded = policy.features_extractor.folded(state["0.weight"], state["0.bias"])
-        state["0.weight"], state["0.bias"] = folded
+    if isinstance(features, Whitening):
+        state["0.weight"], state["0.bias"] = features.folded(state["0.weight"], state["0.bias"])
     state["0.weight"] *= scale
     return state
 

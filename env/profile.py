@@ -80,7 +80,7 @@ def record(
 @app.command(hidden=True)
 def train(perception: str) -> None:
     """Train for the updates that are sampled."""
-    from env.training import new_model  # noqa: PLC0415  (slow to import)
+    from env.new_model import untrained_model  # noqa: PLC0415  (slow to import)
     from env.vector_streets import make_streets  # noqa: PLC0415  (slow to import)
 
     setup = load_setup("add")
@@ -88,7 +88,7 @@ def train(perception: str) -> None:
     setup = setup.model_copy(update={"perception": perception, "learning": learning})
     streets = make_streets(setup, setup.stages[-1].cells, seed=0)
     try:
-        new_model(setup, streets).learn(3 * _STEPS)
+        untrained_model(setup, streets).learn(3 * _STEPS)
     finally:
         streets.close()
 

@@ -75,6 +75,11 @@ class Learning(_Section):
         description="driven before the first update to measure how observations vary, so that "
         "learning sees all that varies alike; 0: observations are taken as they are",
     )
+    value_steps: Positive = Field(
+        8192,
+        description="where a training starts from a policy: driven before the first update, in "
+        "whole rollouts, to learn what the policy is worth",
+    )
     mean_init: float = Field(
         0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
@@ -108,6 +113,11 @@ class Setup(_Section):
     stages: tuple[Stage, ...] = Field(min_length=1)
     streets: Positive = Field(2, description="that are driven at once, each in its own process")
     seed: int = Field(0, ge=0)
+    start: str | None = Field(
+        None,
+        description="the policy that training starts from, a .safetensors file or trained; nothing "
+        "is whitened then; null: from nothing",
+    )
     checkpoint_steps: Positive = Field(10_000, description="between two checkpoints")
     evaluation_steps: Positive = Field(20_000, description="between two evaluations")
     evaluation_episodes: Positive = Field(20, description="of an evaluation, over all cells")

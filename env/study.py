@@ -61,7 +61,12 @@ def quick(setup: Setup) -> Setup:
     update = 64 * setup.streets
     measured = min(setup.learning.whitening_steps, MEASURED_AT_LEAST)
     learning = setup.learning.model_copy(
-        update={"rollout_steps": update, "batch_size": 64, "whitening_steps": measured}
+        update={
+            "rollout_steps": update,
+            "batch_size": 64,
+            "whitening_steps": measured,
+            "value_steps": update,
+        }
     )
     return setup.model_copy(
         update={

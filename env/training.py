@@ -10,18 +10,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.utils import LinearSchedule, set_random_seed
+from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 import sfol
 from env.callbacks import (
@@ -35,39 +33,22 @@ from env.callbacks import (
 )
 from env.cells import Cell
 from env.history import Clock, History, Row
+from env.new_model import DEVICE, new_model, start_of
 from env.parallel import cores
+from env.policies import file_hash
 from env.policy_files import PolicyCard, PolicyFile
 from env.results import versions
 from env.setup import Setup
 from env.vector_streets import make_streets
-from env.whitening import Whitening
 from sfol.errors import UsageError
 from sfol.writing import replacing
 
 log = logging.getLogger(__name__)
 
-Array = npt.NDArray[np.float32]
-
 # From these, streets draw the seeds of their episodes.
 TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
-# Of the policy, a small network: on a GPU, where the workers' networks run, an update took half as
-# long again as on the processor beside it.
-_DEVICE = "cpu"
-# Of a setup's hyperparameters, those that PPO does not take as they are.
-_OWN = {
-    "learning_rate",
-    "last_learning_rate",
-    "last_log_std",
-    "layers",
-    "mean_init",
-    "log_std_init",
-    "reward_scale",
-    "observation_scale",
-    "rollout_steps",
-    "whitening_steps",
-}
 
 
 @dataclass(frozen=True)
@@ -100,8 +81,10 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
             successes among the last episodes.
 
     Raises:
-        UsageError: the folder holds the training of another setup.
+        UsageError: the folder holds the training of another setup, or the policy to start from
+            can't be used.
     """
+    start_of(setup)  # refused before anything is written
     folder.mkdir(parents=True, exist_ok=True)
     _claim(folder, setup)
     evaluations = History(folder / "evaluations.jsonl").rows()
@@ -118,8 +101,7 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     try:
         model = _last_model(streets, folder)
         if model is None:
-            model = new_model(setup, streets)
-            _whiten(model, streets, setup, progress)
+            model = new_model(setup, streets, progress)
         # The model has given the streets its own seed; and a training that goes on meets new ones.
         streets.seed(TRAINING_SEEDS + 1_000_000 * setup.seed + model.num_timesteps)
         record = _Record(setup, folder, model.num_timesteps)
@@ -182,51 +164,10 @@ def _last_model(streets: VecEnv, folder: Path) -> PPO | None:
     """Return the model of the last checkpoint that can be read; None where there is none."""
     for path in sorted(folder.glob("checkpoint-*.zip"), reverse=True):
         try:
-            return PPO.load(path, env=streets, device=_DEVICE)
+            return PPO.load(path, env=streets, device=DEVICE)
         except Exception as error:  # whatever unpickling half a file may raise
             log.warning("%s can't be read and is skipped: %s", path, error)
     return None
-
-
-def new_model(setup: Setup, streets: VecEnv) -> PPO:
-    """Return an untrained model with a setup's hyperparameters; it gives the streets its seed."""
-    learning = setup.learning
-    layers = list(learning.layers)
-    whitened = {"features_extractor_class": Whitening} if learning.whitening_steps else {}
-    model = PPO(
-        "MlpPolicy",
-        streets,
-        seed=setup.seed,
-        device=_DEVICE,
-        policy_kwargs={
-            "net_arch": {"pi": layers, "vf": layers},
-            "log_std_init": learning.log_std_init,
-            **whitened,
-        },
-        learning_rate=LinearSchedule(
-            learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
-        ),
-        n_steps=learning.rollout_steps // setup.streets,
-        **learning.model_dump(exclude=_OWN),
-    )
-    torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
-    return model
-
-
-def _whiten(model: PPO, streets: VecEnv, setup: Setup, progress: Progress) -> None:
-    """Let an untrained policy drive, and whiten observations by what it sees."""
-    steps, noise_steps = setup.learning.whitening_steps, setup.learning.sde_sample_freq
-    if not steps:
-        return
-    observations: Any = streets.reset()
-    seen: list[Array] = []
-    while len(seen) * streets.num_envs < steps:
-        if model.use_sde and noise_steps > 0 and len(seen) % noise_steps == 0:
-            model.policy.reset_noise(streets.num_envs)
-        progress(0, f"looking around, {len(seen) * streets.num_envs} of {steps} steps")
-        seen.append(observations)
-        observations, *_ = streets.step(model.predict(observations)[0])
-    cast(Whitening, model.policy.features_extractor).measure(np.concatenate(seen))
 
 
 def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
@@ -251,6 +192,8 @@ class _Record:
 
     def __init__(self, setup: Setup, folder: Path, steps: int) -> None:
         self._setup = setup
+        start = start_of(setup)
+        self._start = file_hash(start.path) if start else None
         self._episodes = History(folder / "episodes.jsonl")
         self._evaluations = History(folder / "evaluations.jsonl")
         self._policy = PolicyFile(folder / "policy.safetensors")
@@ -290,6 +233,7 @@ class _Record:
         kb = sfol.KnowledgeBase.load(*self._setup.rules)
         return PolicyCard(
             setup=self._setup,
+            start=self._start,
             steps=steps,
             knowledge_base=kb.name,
             knowledge_base_hash=kb.hash,

@@ -25,6 +25,12 @@ def train(
         int | None,
         typer.Option(help="Driven at once, each in its own process, instead of the setup's."),
     ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            help="A policy to start from, .safetensors or 'trained', instead of the setup's."
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Folder of the training. [default: runs/train/SETUP-seedN]"),
@@ -40,11 +46,14 @@ def train(
     More streets at once use more processors, and up to 1.5 GB of memory each; an update comes
     after as many steps of all streets together.
 
+    With `--start`, a policy that drives already is trained on, say under a rule that you have
+    changed: that takes a fraction of the time.
+
     Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
     """
     from env.training import train as run  # noqa: PLC0415  (slow to import, and few need it)
 
-    options = {"seed": seed, "streets": streets}
+    options = {"seed": seed, "streets": streets, "start": start}
     given = {name: value for name, value in options.items() if value is not None}
     chosen = changed(load_setup(setup), **given)
     folder = output or Path("runs/train") / training_name(chosen.name, chosen.seed)

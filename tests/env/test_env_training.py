@@ -13,9 +13,11 @@ from typer.testing import CliRunner
 from env import training
 from env.cli import app
 from env.history import History
-from env.policy_files import PolicyFile
+from env.new_model import new_model, untrained_model
+from env.policies import file_hash
+from env.policy_files import PolicyFile, act, actor_of, load_actor
 from env.setup import Setup, load_setup, setup_names
-from env.training import new_model, train
+from env.training import train
 from env.vector_streets import make_streets
 from sfol import KnowledgeBase
 from sfol.errors import UsageError
@@ -166,7 +168,7 @@ def test_scales_are_those_of_the_setup():
 def test_the_first_actions_are_drawn_around_the_setup_s_mean():
     setup, streets = streets_with(mean_init=0.4, log_std_init=-1.0)
     with contextlib.closing(streets):
-        model = new_model(setup, streets)
+        model = untrained_model(setup, streets)
         action, _ = model.predict(streets.reset(), deterministic=True)
         assert action.item() == pytest.approx(0.4, abs=0.05)
         assert (model.policy.log_std == -1.0).all()
@@ -231,6 +233,86 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     assert all(row["success_low"] == row["success"] for row in trained.evaluations)
     assert 90 not in {row["steps"] for row in trained.episodes}
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+def pedals(file):
+    """Return what a written policy does on the first steps of a street."""
+    network, (_, streets) = file.network(), streets_with()
+    with contextlib.closing(streets):
+        observations, actions = streets.reset(), []
+        for _ in range(30):
+            actions.append(act(network, observations[0]))
+            observations, *_ = streets.step(np.array([actions[-1:]], np.float32))
+    return actions
+
+
+def test_a_training_starts_from_a_policy(setup_file, tmp_path):
+    setup = load_setup(setup_file)
+    first = PolicyFile(train(setup, tmp_path / "first").policy)
+    still = {"learning_rate": 1e-9, "last_learning_rate": 1e-9, "observation_scale": 0.1}
+    learning = setup.learning.model_copy(update={**still, "value_steps": 32})
+    changes = {"start": str(first.path), "learning": learning, "seed": 5}
+    told = []
+    second = PolicyFile(
+        train(
+            setup.model_copy(update=changes),
+            tmp_path / "second",
+            progress=lambda steps, text: told.append((steps, text)),
+        ).policy
+    )
+    # It has hardly learnt anything, so it drives as the first does, whatever scales and seeds.
+    np.testing.assert_allclose(pedals(first), pedals(second), atol=1e-5)
+    assert second.card().start == file_hash(first.path)
+    assert first.card().start is None
+    assert told[31] == (0, "learning its value, 32 of 32 steps")
+    assert told[32][0] == 1
+
+
+def test_the_value_of_a_policy_is_learnt_before_it_changes(setup_file, tmp_path):
+    first = train(load_setup(setup_file), tmp_path / "first").policy
+    learning = {"layers": [8], "rollout_steps": 512, "value_steps": 1024, "observation_scale": 1}
+    content = yaml.safe_load(SMALL) | {"start": str(first), "learning": learning}
+    setup = Setup.model_validate(content)
+    streets = make_streets(setup, setup.stages[0].cells, seed=3)
+    with contextlib.closing(streets):
+        untrained, model = untrained_model(setup, streets), new_model(setup, streets)
+        load_actor(untrained, PolicyFile(first), 1.0)
+        for one, other in zip(
+            actor_of(untrained).parameters(), actor_of(model).parameters(), strict=True
+        ):
+            assert np.array_equal(one.detach(), other.detach())
+            assert other.requires_grad
+        assert model.num_timesteps == 0
+        assert not model.policy.optimizer.state
+        assert value_error(model) < 0.5 * value_error(untrained)
+
+
+def value_error(model):
+    """Return how far off a model's value function was in a rollout before it learnt from that."""
+    model.learn(model.n_steps)
+    rollout = model.rollout_buffer
+    return np.square(rollout.returns - rollout.values).mean()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"start": "nowhere.safetensors"}, "there is no policy file 'nowhere.safetensors'"),
+        ({"start": "ttc_brake"}, r"can't start from 'ttc_brake' \(.*'trained', or a policy"),
+        ({"start": "policy.zip"}, "can't start from 'policy.zip'"),
+        ({"frames": 2}, r"with frames 1, and the setup has 2"),
+        ({"observation": "vsr"}, "with observation state, and the setup has vsr"),
+        ({"learning": {"layers": [9]}}, r"with layers \[8\], and the setup has \[9\]"),
+    ],
+)
+def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
+    setup_file, tmp_path, change, message
+):
+    first = train(load_setup(setup_file), tmp_path / "first").policy
+    content = yaml.safe_load(SMALL) | {"start": str(first)} | change
+    with pytest.raises(UsageError, match=message):
+        train(Setup.model_validate(content), tmp_path / "second")
+    assert not (tmp_path / "second").exists()
 
 
 @pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])
