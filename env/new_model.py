@@ -66,10 +66,12 @@ def start_of(setup: Setup) -> PolicyFile | None:
 
 
 def _check_fit(file: PolicyFile, setup: Setup) -> None:
-    """Refuse a policy whose numbers would mean something else."""
+    """Refuse a policy whose numbers would mean something else; there may be more of them now."""
     former = file.card().setup
-    for key in ("observation", "fusion", "speed", "frames"):
+    for key in ("observation", "fusion"):
         _check_same(file, key, getattr(former, key), getattr(setup, key))
+    for key in ("speed", "frames"):
+        _check_same(file, key, getattr(former, key), min(getattr(former, key), getattr(setup, key)))
     _check_same(file, "layers", list(former.learning.layers), list(setup.learning.layers))
     if setup.observation == "vsr":
         _check_same(file, "codebook", file.codebook().digest, Codebook().digest)
@@ -97,7 +99,7 @@ def new_model(setup: Setup, streets: VecEnv, progress: Progress = lambda steps, 
     """
     model, start = untrained_model(setup, streets), start_of(setup)
     if start is not None:
-        load_actor(model, start, setup.learning.observation_scale)
+        load_actor(model, start, setup)
         _learn_value(model, setup, streets, progress)
     elif setup.learning.whitening_steps:
         _whiten(model, setup, streets, progress)

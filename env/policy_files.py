@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -122,21 +122,40 @@ def actor_of(model: Any) -> nn.Sequential:
     return nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
 
 
-def load_actor(model: Any, file: PolicyFile, scale: float) -> None:
+def load_actor(model: Any, file: PolicyFile, setup: Setup) -> None:
     """Let a model choose the actions that a written policy does.
+
+    What the model is given and the policy is not, ego's speed or earlier frames, has no weight in
+    the beginning.
 
     Args:
         model: PPO of stable-baselines3, with its ``MlpPolicy`` and layers as wide as the policy's,
             not whitened.
         file: of the policy.
-        scale: factor on the observations that the model is given.
+        setup: of the model; its observation has all that the policy is given.
 
     Raises:
         UsageError: the file can't be read, or holds something else.
     """
-    state = file.network().state_dict()
-    state["0.weight"] = state["0.weight"] / scale
-    actor_of(model).load_state_dict(state)
+    state, actor = file.network().state_dict(), actor_of(model)
+    inputs = cast(nn.Linear, actor[0]).in_features
+    weight = _widened(state["0.weight"], file.card().setup.frames, inputs, setup.frames)
+    actor.load_state_dict({**state, "0.weight": weight / setup.learning.observation_scale})
+
+
+def _widened(weight: Tensor, frames: int, inputs: int, new_frames: int) -> Tensor:
+    """Return a layer's weights for more frames, and for more numbers at the end of each.
+
+    Args:
+        weight: float (H, N), for that many frames, the last one last.
+        frames: divides N.
+        inputs: of the layer that is returned, float (H, inputs).
+        new_frames: divides them.
+    """
+    old = weight.unflatten(1, (frames, -1))
+    new = weight.new_zeros(len(weight), new_frames, inputs // new_frames)
+    new[:, new_frames - frames :, : old.shape[2]] = old
+    return new.flatten(1)
 
 
 def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:

@@ -115,8 +115,8 @@ class Setup(_Section):
     seed: int = Field(0, ge=0)
     start: str | None = Field(
         None,
-        description="the policy that training starts from, a .safetensors file or trained; nothing "
-        "is whitened then; null: from nothing",
+        description="the policy that training starts from, a .safetensors file or trained; it may "
+        "be given less than the setup says, and nothing is whitened then; null: from nothing",
     )
     checkpoint_steps: Positive = Field(10_000, description="between two checkpoints")
     evaluation_steps: Positive = Field(20_000, description="between two evaluations")

@@ -1,9 +1,12 @@
 """Policies that `aeb train` writes: they need no trust, and drive as what was trained."""
 
 import json
+from functools import partial
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
@@ -13,7 +16,7 @@ from env.crossing import OccludedCrossing
 from env.curriculum import StreetsInTurn
 from env.evaluate import Drive
 from env.policies import TrainedDriver, file_hash, make_driver
-from env.policy_files import PolicyCard, PolicyFile, act
+from env.policy_files import PolicyCard, PolicyFile, act, load_actor
 from env.setup import Setup
 from env.vector_streets import make_streets
 from env.weights_folder import FOLDER_VARIABLE
@@ -42,6 +45,15 @@ def write(path, model, chosen):
     )
     PolicyFile(path).write(card, model)
     return path
+
+
+class Blind(gymnasium.Env):
+    """Has spaces, and nothing else."""
+
+    action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def __init__(self, space):
+        self.observation_space = space
 
 
 def untrained(streets, **options):
@@ -73,6 +85,27 @@ def test_what_observations_were_scaled_by_is_part_of_the_policy(tmp_path, model)
     seen = np.linspace(-4.0, 4.0, model.observation_space.shape[0], dtype=np.float32)
     expected, _ = model.predict(np.float32(0.25) * seen, deterministic=True)
     assert act(PolicyFile(file).network(), seen) == pytest.approx(expected.item(), abs=1e-6)
+
+
+@pytest.mark.parametrize(("frames", "extra"), [(3, 0), (3, 1), (1, 1)])
+def test_what_a_policy_was_not_given_has_no_weight_when_another_starts_from_it(
+    tmp_path, frames, extra
+):
+    """As if ego's speed, or earlier frames, were added to what it drives by."""
+    width = 5
+
+    def model(count, inputs):
+        space = spaces.Box(-1.0, 1.0, (count * inputs,), np.float32)
+        return untrained(DummyVecEnv([partial(Blind, space)]))
+
+    file = PolicyFile(write(tmp_path / "first.safetensors", model(1, width), setup()))
+    later = setup(frames=frames, learning={"layers": [8, 4], "observation_scale": 0.5})
+    second = model(frames, width + extra)
+    load_actor(second, file, later)
+    seen = np.random.default_rng(0).normal(size=(frames, width + extra)).astype(np.float32)
+    action, _ = second.predict(np.float32(0.5) * seen.ravel(), deterministic=True)
+    expected = act(file.network(), seen[-1, :width])
+    assert action.item() == pytest.approx(expected, abs=1e-6)
 
 
 def test_it_drives_as_the_model_from_its_file_alone(policy, model, streets):

@@ -276,7 +276,7 @@ def test_the_value_of_a_policy_is_learnt_before_it_changes(setup_file, tmp_path)
     streets = make_streets(setup, setup.stages[0].cells, seed=3)
     with contextlib.closing(streets):
         untrained, model = untrained_model(setup, streets), new_model(setup, streets)
-        load_actor(untrained, PolicyFile(first), 1.0)
+        load_actor(untrained, PolicyFile(first), setup)
         for one, other in zip(
             actor_of(untrained).parameters(), actor_of(model).parameters(), strict=True
         ):
@@ -300,7 +300,7 @@ def value_error(model):
         ({"start": "nowhere.safetensors"}, "there is no policy file 'nowhere.safetensors'"),
         ({"start": "ttc_brake"}, r"can't start from 'ttc_brake' \(.*'trained', or a policy"),
         ({"start": "policy.zip"}, "can't start from 'policy.zip'"),
-        ({"frames": 2}, r"with frames 1, and the setup has 2"),
+        ({"frames": 1}, r"with frames 2, and the setup has 1"),
         ({"observation": "vsr"}, "with observation state, and the setup has vsr"),
         ({"learning": {"layers": [9]}}, r"with layers \[8\], and the setup has \[9\]"),
     ],
@@ -308,8 +308,9 @@ def value_error(model):
 def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
     setup_file, tmp_path, change, message
 ):
-    first = train(load_setup(setup_file), tmp_path / "first").policy
-    content = yaml.safe_load(SMALL) | {"start": str(first)} | change
+    small = yaml.safe_load(SMALL) | {"frames": 2}
+    first = train(Setup.model_validate(small), tmp_path / "first").policy
+    content = small | {"start": str(first)} | change
     with pytest.raises(UsageError, match=message):
         train(Setup.model_validate(content), tmp_path / "second")
     assert not (tmp_path / "second").exists()
