@@ -1,6 +1,7 @@
 """Policy files drive by the observation that they were trained on, and only if they are trusted."""
 
 import zipfile
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -9,9 +10,13 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 from env import policies
+from env.cells import CELLS
 from env.crossing import OccludedCrossing
 from env.observation import observer_of
-from env.policies import PickledPolicyDriver, make_driver
+from env.policies import PickledPolicyDriver, file_hash, make_driver
+from env.policy_files import PolicyFile
+from env.setup import load_setup
+from env.study_results import StudyFolder, training_name
 from sfol.errors import SfolError
 
 PEDAL = spaces.Box(-1.0, 1.0, (1,), np.float32)
@@ -25,6 +30,25 @@ class Spaces(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         return self.observation_space.sample(), {}
+
+
+def test_the_projects_own_policy_is_what_setups_and_results_say():
+    file = policies.policy_file(policies.TRAINED)
+    setups = Path(__file__).parents[2] / "setups" / "shipped"
+    card = PolicyFile(file).card()
+    assert card.setup == load_setup(setups / "add.yaml")
+    first = load_setup(setups / "add_first.yaml")
+    assert (
+        card.setup.start == f"runs/train/{training_name(first.name, first.seed)}/policy.safetensors"
+    )
+    study = StudyFolder(setups.parents[1] / "results" / "study")
+    name = training_name(card.setup.name, card.setup.seed)
+    assert study.training(name).setup_hash == card.setup.hash
+    assert study.training(f"{first.name}-seed0").policy == card.start
+    drives = [drive.settings for drive in study.drive_results() if drive.settings.driver == name]
+    assert {(drive.traffic, drive.occlusion) for drive in drives} == set(CELLS)
+    driven = {drive.policy for drive in drives} | {study.trajectory(name).policy}
+    assert driven == {study.training(name).policy} == {file_hash(file)}
 
 
 def save_policy(path, observations, actions=PEDAL):
