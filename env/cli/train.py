@@ -46,8 +46,8 @@ def train(
     More streets at once use more processors, and up to 1.5 GB of memory each; an update comes
     after as many steps of all streets together.
 
-    With `--start`, a policy that drives already is trained on, say under a rule that you have
-    changed: that takes a fraction of the time.
+    With `--start`, a policy that drives already is trained on, say with less noise or under a rule
+    that you have changed.
 
     Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
     """

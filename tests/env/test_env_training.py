@@ -3,6 +3,7 @@
 import contextlib
 import json
 import logging
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from env.vector_streets import make_streets
 from sfol import KnowledgeBase
 from sfol.errors import UsageError
 
+SETUPS = Path(__file__).parents[2] / "setups"
 SMALL = """
 version: 1
 name: small
@@ -61,6 +63,14 @@ def test_bundled_setups_are_valid_and_on_this_street(name):
     assert setup.description
     grounding = KnowledgeBase.load(*setup.rules).grounding.model_dump()["segmentation"]
     assert grounding["approaching"] == [15.0, 45.0]
+
+
+@pytest.mark.parametrize("path", sorted(SETUPS.glob("*/*.yaml")), ids=lambda path: path.stem)
+def test_the_main_setup_s_other_trainings_have_all_its_rules(path):
+    setup, main = load_setup(path), load_setup("add")
+    assert setup.name == path.stem
+    kept = ("rules", "observation", "fusion", "perception", "frames")
+    assert all(getattr(setup, key) == getattr(main, key) for key in kept)
 
 
 def test_stages_follow_one_another():
