@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from env.callbacks import Progress
-from env.policies import SUFFIX, TRAINED, policy_file
+from env.policies import SUFFIX, TRAINED, check_exists, policy_file
 from env.policy_files import PolicyFile, actor_of, load_actor
 from env.setup import Setup
 from env.whitening import Whitening
@@ -58,8 +58,7 @@ def start_of(setup: Setup) -> PolicyFile | None:
             name=setup.start,
             suggestion=f"'{TRAINED}', or a policy that aeb train wrote, which ends in {SUFFIX}",
         )
-    if not path.is_file():
-        raise UsageError(f"there is no policy file '{path}'", name=str(path))
+    check_exists(path)
     file = PolicyFile(path)
     _check_fit(file, setup)
     return file

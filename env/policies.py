@@ -83,7 +83,7 @@ class TrainedDriver:
     def __init__(self, path: Path) -> None:
         from env.policy_files import PolicyFile  # noqa: PLC0415  (torch is slow to import)
 
-        _check_exists(path)
+        check_exists(path)
         file = PolicyFile(path)
         setup = file.card().setup
         self._network = file.network()
@@ -145,13 +145,18 @@ class PickledPolicyDriver:
         return float(np.asarray(action).ravel()[0])
 
 
-def _check_exists(path: Path) -> None:
+def check_exists(path: Path) -> None:
+    """Refuse a policy file that is not there.
+
+    Raises:
+        UsageError: there is no such file.
+    """
     if not path.is_file():
         raise UsageError(f"there is no policy file '{path}'", name=str(path))
 
 
 def _check_file(path: Path, trust: bool) -> None:
-    _check_exists(path)
+    check_exists(path)
     # A link that leads out of the project is outside.
     if not trust and not _in_project(path.resolve()):
         raise UsageError(

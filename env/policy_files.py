@@ -28,7 +28,7 @@ class PolicyCard(BaseModel):
 
     Attributes:
         setup: what it was trained as: rules, observation, fusion, streets, hyperparameters.
-        start: hash of the file of the policy that its training started from; None if from nothing.
+        start_hash: of the file of the policy that its training started from; None if from nothing.
         steps: of all streets together, that it was trained for.
         knowledge_base: the name of that which rewarded it.
         knowledge_base_hash: of its content.
@@ -39,7 +39,7 @@ class PolicyCard(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     setup: Setup
-    start: str | None = None
+    start_hash: str | None = None
     steps: int
     knowledge_base: str
     knowledge_base_hash: str

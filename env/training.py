@@ -193,7 +193,7 @@ class _Record:
     def __init__(self, setup: Setup, folder: Path, steps: int) -> None:
         self._setup = setup
         start = start_of(setup)
-        self._start = file_hash(start.path) if start else None
+        self._start_hash = file_hash(start.path) if start else None
         self._episodes = History(folder / "episodes.jsonl")
         self._evaluations = History(folder / "evaluations.jsonl")
         self._policy = PolicyFile(folder / "policy.safetensors")
@@ -233,7 +233,7 @@ class _Record:
         kb = sfol.KnowledgeBase.load(*self._setup.rules)
         return PolicyCard(
             setup=self._setup,
-            start=self._start,
+            start_hash=self._start_hash,
             steps=steps,
             knowledge_base=kb.name,
             knowledge_base_hash=kb.hash,

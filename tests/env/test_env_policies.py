@@ -3,7 +3,6 @@
 import zipfile
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -18,18 +17,7 @@ from env.policy_files import PolicyFile
 from env.setup import load_setup
 from env.study_results import StudyFolder, training_name
 from sfol.errors import SfolError
-
-PEDAL = spaces.Box(-1.0, 1.0, (1,), np.float32)
-
-
-class Spaces(gymnasium.Env):
-    """An environment that is nothing but its spaces."""
-
-    def __init__(self, observations, actions=PEDAL):
-        self.observation_space, self.action_space = observations, actions
-
-    def reset(self, *, seed=None, options=None):
-        return self.observation_space.sample(), {}
+from tests.env.spaces import PEDAL, Spaces
 
 
 def test_the_projects_own_policy_is_what_setups_and_results_say():
@@ -44,7 +32,7 @@ def test_the_projects_own_policy_is_what_setups_and_results_say():
     study = StudyFolder(setups.parents[1] / "results" / "study")
     name = training_name(card.setup.name, card.setup.seed)
     assert study.training(name).setup_hash == card.setup.hash
-    assert study.training(f"{first.name}-seed0").policy == card.start
+    assert study.training(f"{first.name}-seed0").policy == card.start_hash
     drives = [drive.settings for drive in study.drive_results() if drive.settings.driver == name]
     assert {(drive.traffic, drive.occlusion) for drive in drives} == set(CELLS)
     driven = {drive.policy for drive in drives} | {study.trajectory(name).policy}

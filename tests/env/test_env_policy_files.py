@@ -3,7 +3,6 @@
 import json
 from functools import partial
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -21,6 +20,7 @@ from env.setup import Setup
 from env.vector_streets import make_streets
 from env.weights_folder import FOLDER_VARIABLE
 from sfol.errors import SfolError
+from tests.env.spaces import Spaces
 
 CELL = Cell("low", "partial")
 STREET = {"traffic": "low", "occlusion": "partial", "perception": "truth", "observation": "state"}
@@ -45,15 +45,6 @@ def write(path, model, chosen):
     )
     PolicyFile(path).write(card, model)
     return path
-
-
-class Blind(gymnasium.Env):
-    """Has spaces, and nothing else."""
-
-    action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-
-    def __init__(self, space):
-        self.observation_space = space
 
 
 def untrained(streets, **options):
@@ -96,7 +87,7 @@ def test_what_a_policy_was_not_given_has_no_weight_when_another_starts_from_it(
 
     def model(count, inputs):
         space = spaces.Box(-1.0, 1.0, (count * inputs,), np.float32)
-        return untrained(DummyVecEnv([partial(Blind, space)]))
+        return untrained(DummyVecEnv([partial(Spaces, space)]))
 
     file = PolicyFile(write(tmp_path / "first.safetensors", model(1, width), setup()))
     later = setup(frames=frames, learning={"layers": [8, 4], "observation_scale": 0.5})

@@ -272,8 +272,8 @@ def test_a_training_starts_from_a_policy(setup_file, tmp_path):
     )
     # It has hardly learnt anything, so it drives as the first does, whatever scales and seeds.
     np.testing.assert_allclose(pedals(first), pedals(second), atol=1e-5)
-    assert second.card().start == file_hash(first.path)
-    assert first.card().start is None
+    assert second.card().start_hash == file_hash(first.path)
+    assert first.card().start_hash is None
     assert told[31] == (0, "learning its value, 32 of 32 steps")
     assert told[32][0] == 1
 
