@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -14,6 +14,13 @@ from env.crossing import OccludedCrossing
 EPISODE_SEEDS = (2**30, 2**31)  # far from the small ones of the final test
 
 
+class _Episode(NamedTuple):
+    """What an episode can be driven again by."""
+
+    cell: Cell
+    seed: int
+
+
 class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """Draws a cell for every episode. A cell's street is built when it is drawn first, and kept.
 
@@ -21,20 +28,28 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
+        retries: share of episodes that are one again in which ego failed, as long as there is one;
+            drawn evenly among them, and a success strikes it off. Failures are rare where a policy
+            drives well, and so it still learns of them.
         options: arguments of `OccludedCrossing`, for all of them; they share one observer.
 
     Attributes:
         street: on which the present episode is driven.
+
+    Source: retries after the prioritized replay of levels (Jiang et al., "Prioritized Level
+    Replay", 2021), with failure for its estimate of what there is to learn.
     """
 
     metadata = OccludedCrossing.metadata
 
-    def __init__(self, cells: tuple[Cell, ...], **options: Any) -> None:
+    def __init__(self, cells: tuple[Cell, ...], *, retries: float = 0.0, **options: Any) -> None:
         self._options = options
+        self._retries = retries
+        self._failed: list[_Episode] = []
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
-        self._cell = cells[0]
-        self.street = self._street_of(self._cell)
+        self._episode = _Episode(cells[0], seed=0)
+        self.street = self._street_of(cells[0])
         self.observation_space = self.street.observation_space
         self.action_space = self.street.action_space
 
@@ -47,23 +62,36 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode in one of the cells; see `gymnasium.Env.reset`."""
         super().reset(seed=seed)
-        self._cell = self._cells[int(self.np_random.integers(len(self._cells)))]
-        self.street = self._street_of(self._cell)
-        episode_seed = int(self.np_random.integers(*EPISODE_SEEDS))
-        observation, info = self.street.reset(seed=episode_seed, options=options)
-        return observation, info | self._cell._asdict()
+        self._episode = self._drawn()
+        self.street = self._street_of(self._episode.cell)
+        observation, info = self.street.reset(seed=self._episode.seed, options=options)
+        return observation, info | self._episode.cell._asdict()
 
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive on; see `OccludedCrossing.step`."""
         observation, reward, terminated, truncated, info = self.street.step(action)
-        return observation, reward, terminated, truncated, info | self._cell._asdict()
+        if terminated or truncated:
+            self._remember(success=info["is_success"])
+        info |= self._episode.cell._asdict()
+        return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
         """Free all streets."""
         for street in self._streets.values():
             street.close()
+
+    def _drawn(self) -> _Episode:
+        if self._failed and self.np_random.random() < self._retries:
+            return self._failed[int(self.np_random.integers(len(self._failed)))]
+        cell = self._cells[int(self.np_random.integers(len(self._cells)))]
+        return _Episode(cell, int(self.np_random.integers(*EPISODE_SEEDS)))
+
+    def _remember(self, *, success: bool) -> None:
+        """Keep an episode for another try, or strike it off."""
+        others = [episode for episode in self._failed if episode != self._episode]
+        self._failed = others if success else [*others, self._episode]
 
     def _street_of(self, cell: Cell) -> OccludedCrossing:
         if cell not in self._streets:

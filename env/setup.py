@@ -113,6 +113,14 @@ class Setup(_Section):
     stages: tuple[Stage, ...] = Field(min_length=1)
     streets: Positive = Field(2, description="that are driven at once, each in its own process")
     seed: int = Field(0, ge=0)
+    retries: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        # So setups from before there were retries have the hashes that their results name.
+        exclude_if=lambda retries: retries == 0,
+        description="share of the training's episodes that are one again in which ego failed",
+    )
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "

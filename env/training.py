@@ -97,7 +97,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
 
 def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
-    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
+    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS, retries=setup.retries)
     try:
         model = _last_model(streets, folder)
         if model is None:
@@ -115,6 +115,8 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
             BetweenUpdates(setup.evaluation_steps, record.evaluate),
             ProgressReport(setup, progress),
         ]
+        if setup.start and not record.evaluated:
+            record.evaluate(model)  # nothing worse than it started from is to come of a training
         if model.num_timesteps < setup.steps:
             model.learn(
                 setup.steps - model.num_timesteps,
@@ -202,6 +204,11 @@ class _Record:
             history.go_back_to(steps)
         past = [row["seconds"] for history in histories for row in history.rows()]
         self._clock = Clock(max(past, default=0.0))
+
+    @property
+    def evaluated(self) -> bool:
+        """Whether there has been an evaluation."""
+        return bool(self._evaluations.rows())
 
     def episode(self, steps: int, info: dict[str, Any]) -> None:
         """Write down an episode that ended."""

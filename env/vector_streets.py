@@ -30,7 +30,9 @@ from env.setup import Setup
 Array = npt.NDArray[np.float32]
 
 
-def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
+def make_streets(
+    setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0, retries: float = 0.0
+) -> VecEnv:
     """Return a setup's streets, with its observations and rewards, each in its own process.
 
     The processes draw, perceive and describe for themselves, so that all processors are busy all
@@ -41,8 +43,9 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
         cells: to draw from.
         seed: of the first street; the others follow.
         count: how many streets; the setup's number by default.
+        retries: share of episodes that are driven again where ego failed; see `StreetsInTurn`.
     """
-    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells), retries)
     number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
@@ -61,13 +64,14 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
     return streets
 
 
-def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
+def _street(setup: Setup, cells: tuple[Cell, ...], retries: float) -> StreetsInTurn:
     """Return what one process drives on."""
     observer = observer_of(
         setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
     )
     return StreetsInTurn(
         cells,
+        retries=retries,
         rules=sfol.KnowledgeBase.load(*setup.rules),
         perception=setup.perception,
         observation=observer,

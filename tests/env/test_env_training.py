@@ -278,6 +278,27 @@ def test_a_training_starts_from_a_policy(setup_file, tmp_path):
     assert told[32][0] == 1
 
 
+def test_nothing_worse_comes_of_a_training_than_it_starts_from(setup_file, tmp_path):
+    setup = load_setup(setup_file)
+    first = PolicyFile(train(setup, tmp_path / "first").policy)
+    # A rate at which nothing is left of what it could do: it stands, or hits the brake at once.
+    spoilt = {"learning_rate": 10.0, "mean_init": -1.0, "value_steps": 16}
+    learning = setup.learning.model_copy(update=spoilt)
+    trained = train(
+        setup.model_copy(update={"start": str(first.path), "learning": learning}),
+        tmp_path / "second",
+    )
+    before, after = trained.evaluations
+    assert (before["steps"], after["steps"]) == (0, 64)
+    assert (after["success"], after["return"]) < (before["success"], before["return"])
+    policy = PolicyFile(trained.policy)
+    assert policy.card().steps == 0
+    assert policy.card().evaluation == {
+        key: value for key, value in before.items() if key not in {"steps", "seconds"}
+    }
+    np.testing.assert_allclose(pedals(first), pedals(policy), atol=1e-5)
+
+
 def test_the_value_of_a_policy_is_learnt_before_it_changes(setup_file, tmp_path):
     first = train(load_setup(setup_file), tmp_path / "first").policy
     learning = {"layers": [8], "rollout_steps": 512, "value_steps": 1024, "observation_scale": 1}
@@ -324,6 +345,30 @@ def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
     with pytest.raises(UsageError, match=message):
         train(Setup.model_validate(content), tmp_path / "second")
     assert not (tmp_path / "second").exists()
+
+
+def test_failures_are_driven_again_in_training_and_not_in_evaluations(tmp_path, monkeypatch):
+    made = []
+
+    def record(setup, cells, seed, **options):
+        made.append((seed >= training.EVALUATION_SEEDS, options.get("retries", 0.0)))
+        return make_streets(setup, cells, seed, **options)
+
+    monkeypatch.setattr(training, "make_streets", record)
+    train(Setup.model_validate(yaml.safe_load(SMALL) | {"retries": 0.3}), tmp_path / "run")
+    assert made == [(False, 0.3), (True, 0.0)]
+
+
+def test_a_setup_without_retries_says_nothing_of_them():
+    """So it has the hash that results from before there were retries name."""
+    stages = [{"steps": 1, "traffic": ["low"]}]
+    without, with_them = (
+        Setup.model_validate({"version": 1, "name": "s", "stages": stages, **more})
+        for more in ({}, {"retries": 0.5})
+    )
+    assert "retries" not in without.model_dump()
+    assert with_them.model_dump()["retries"] == 0.5
+    assert without.hash != with_them.hash
 
 
 @pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])
