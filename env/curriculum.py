@@ -28,16 +28,17 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
-        retries: share of episodes that are one again in which ego failed, as long as there is one;
-            drawn evenly among them, and a success strikes it off. Failures are rare where a policy
-            drives well, and so it still learns of them.
+        retries: share of episodes that are one again in which ego collided, as long as there is
+            one; drawn evenly among them, and another ending strikes it off. Collisions are rare
+            where a policy drives well, and so it still learns of them. Timeouts are not driven
+            again: they take many steps, and more and more of them where ego can't do otherwise.
         options: arguments of `OccludedCrossing`, for all of them; they share one observer.
 
     Attributes:
         street: on which the present episode is driven.
 
     Source: retries after the prioritized replay of levels (Jiang et al., "Prioritized Level
-    Replay", 2021), with failure for its estimate of what there is to learn.
+    Replay", 2021), with a collision for its estimate of what there is to learn.
     """
 
     metadata = OccludedCrossing.metadata
@@ -45,7 +46,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def __init__(self, cells: tuple[Cell, ...], *, retries: float = 0.0, **options: Any) -> None:
         self._options = options
         self._retries = retries
-        self._failed: list[_Episode] = []
+        self._collided: list[_Episode] = []
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
         self._episode = _Episode(cells[0], seed=0)
@@ -73,7 +74,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         """Drive on; see `OccludedCrossing.step`."""
         observation, reward, terminated, truncated, info = self.street.step(action)
         if terminated or truncated:
-            self._remember(success=info["is_success"])
+            self._remember(collision=info["collision"])
         info |= self._episode.cell._asdict()
         return observation, reward, terminated, truncated, info
 
@@ -83,15 +84,15 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             street.close()
 
     def _drawn(self) -> _Episode:
-        if self._failed and self.np_random.random() < self._retries:
-            return self._failed[int(self.np_random.integers(len(self._failed)))]
+        if self._collided and self.np_random.random() < self._retries:
+            return self._collided[int(self.np_random.integers(len(self._collided)))]
         cell = self._cells[int(self.np_random.integers(len(self._cells)))]
         return _Episode(cell, int(self.np_random.integers(*EPISODE_SEEDS)))
 
-    def _remember(self, *, success: bool) -> None:
+    def _remember(self, *, collision: bool) -> None:
         """Keep an episode for another try, or strike it off."""
-        others = [episode for episode in self._failed if episode != self._episode]
-        self._failed = others if success else [*others, self._episode]
+        others = [episode for episode in self._collided if episode != self._episode]
+        self._collided = [*others, self._episode] if collision else others
 
     def _street_of(self, cell: Cell) -> OccludedCrossing:
         if cell not in self._streets:

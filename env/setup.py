@@ -119,7 +119,7 @@ class Setup(_Section):
         lt=1,
         # So setups from before there were retries have the hashes that their results name.
         exclude_if=lambda retries: retries == 0,
-        description="share of the training's episodes that are one again in which ego failed",
+        description="share of the training's episodes that are one again in which ego collided",
     )
     start: str | None = Field(
         None,

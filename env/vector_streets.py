@@ -43,7 +43,7 @@ def make_streets(
         cells: to draw from.
         seed: of the first street; the others follow.
         count: how many streets; the setup's number by default.
-        retries: share of episodes that are driven again where ego failed; see `StreetsInTurn`.
+        retries: share of episodes that are driven again where ego collided; see `StreetsInTurn`.
     """
     make: Callable[[], Any] = partial(_street, setup, tuple(cells), retries)
     number = count or setup.streets

@@ -347,7 +347,7 @@ def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
     assert not (tmp_path / "second").exists()
 
 
-def test_failures_are_driven_again_in_training_and_not_in_evaluations(tmp_path, monkeypatch):
+def test_collisions_are_driven_again_in_training_and_not_in_evaluations(tmp_path, monkeypatch):
     made = []
 
     def record(setup, cells, seed, **options):
