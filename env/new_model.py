@@ -32,6 +32,7 @@ _OWN = {
     "last_log_std",
     "layers",
     "mean_init",
+    "mean_limit",
     "log_std_init",
     "reward_scale",
     "observation_scale",

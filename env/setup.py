@@ -83,6 +83,13 @@ class Learning(_Section):
     mean_init: float = Field(
         0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
+    mean_limit: float | None = Field(
+        None,
+        gt=0,
+        exclude_if=lambda limit: limit is None,
+        description="the greatest root mean square of the actions' means in a rollout; far beyond "
+        "the pedal's range, noise explores nothing; null: no limit",
+    )
     log_std_init: float = Field(-1.0, description="logarithm of the actions' first deviation")
     last_log_std: float | None = Field(
         None,
@@ -117,7 +124,8 @@ class Setup(_Section):
         0.0,
         ge=0,
         lt=1,
-        # So setups from before there were retries have the hashes that their results name.
+        # So setups from before there were retries have the hashes that their results name;
+        # `mean_limit` is left out for the same reason.
         exclude_if=lambda retries: retries == 0,
         description="share of the training's episodes that are one again in which ego collided",
     )

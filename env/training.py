@@ -27,6 +27,7 @@ from env.callbacks import (
     Curriculum,
     Episodes,
     LessNoise,
+    LimitedMeans,
     Progress,
     ProgressReport,
     RewardParts,
@@ -109,6 +110,7 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         callbacks: list[BaseCallback] = [
             Curriculum(setup),
             LessNoise(setup),
+            LimitedMeans(setup),
             RewardParts(),
             Episodes(record.episode),
             BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
 from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
 from env import training
+from env.callbacks import LimitedMeans
 from env.cli import app
 from env.history import History
 from env.new_model import new_model, untrained_model
@@ -359,16 +361,31 @@ def test_collisions_are_driven_again_in_training_and_not_in_evaluations(tmp_path
     assert made == [(False, 0.3), (True, 0.0)]
 
 
-def test_a_setup_without_retries_says_nothing_of_them():
-    """So it has the hash that results from before there were retries name."""
-    stages = [{"steps": 1, "traffic": ["low"]}]
-    without, with_them = (
-        Setup.model_validate({"version": 1, "name": "s", "stages": stages, **more})
-        for more in ({}, {"retries": 0.5})
-    )
-    assert "retries" not in without.model_dump()
-    assert with_them.model_dump()["retries"] == 0.5
-    assert without.hash != with_them.hash
+@pytest.mark.parametrize("later", [{"retries": 0.5}, {"learning": {"mean_limit": 2.0}}])
+def test_a_setup_says_nothing_of_later_options_that_it_does_not_use(later):
+    """So it has the hash that results from before there were these options name."""
+    first = {"version": 1, "name": "s", "stages": [{"steps": 1, "traffic": ["low"]}]}
+    plain, changed = Setup.model_validate(first), Setup.model_validate(first | later)
+    assert plain.hash != changed.hash
+    told = plain.model_dump_json()
+    assert "retries" not in told
+    assert "mean_limit" not in told
+    assert Setup.model_validate_json(changed.model_dump_json()) == changed
+
+
+@pytest.mark.parametrize(("limit", "factor"), [(None, 1.0), (0.5, 0.125), (4.0, 1.0), (9.0, 1.0)])
+def test_means_beyond_the_limit_are_shrunk_and_keep_their_order(limit, factor):
+    """A policy that always says 4 is left alone, or says as much as the limit allows."""
+    still = {"learning_rate": 1e-12, "last_learning_rate": 1e-12, "layers": [8]}
+    setup, streets = streets_with(**still, rollout_steps=16, batch_size=16, mean_limit=limit)
+    with contextlib.closing(streets):
+        model = untrained_model(setup, streets)
+        last = model.policy.action_net
+        last.weight.data.zero_()
+        last.bias.data.fill_(4.0)
+        observations = streets.reset()
+        model.learn(32, callback=LimitedMeans(setup))  # shrunk after the first rollout
+        assert actor_of(model)(torch.from_numpy(observations)).item() == pytest.approx(4 * factor)
 
 
 @pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])
