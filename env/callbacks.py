@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.ppo import MlpPolicy
 from torch import nn
 
 from env.policy_files import actor_of
@@ -101,9 +100,9 @@ class LimitedMeans(BaseCallback):
         if self._limit is None:
             return
         observations = torch.from_numpy(self.locals["rollout_buffer"].observations).flatten(0, 1)
-        policy = cast(MlpPolicy, self.model.policy)
+        features = cast(nn.Module, self.model.policy.features_extractor)
         with torch.no_grad():
-            means = actor_of(self.model)(policy.features_extractor(observations.to(policy.device)))
+            means = actor_of(self.model)(features(observations))
         rms = float(means.square().mean().sqrt())
         self.logger.record("Action/rms_of_means", rms)
         self._excess = rms / self._limit

@@ -30,7 +30,10 @@ class Stage(_Section):
     """A part of the training, with the cells that its episodes are drawn from."""
 
     steps: Positive = Field(description="steps of all streets together")
-    traffic: tuple[Traffic, ...] = Field(min_length=1, description="levels to draw from")
+    traffic: tuple[Traffic, ...] = Field(
+        min_length=1,
+        description="levels to draw from; one that is named twice comes twice as often",
+    )
     occlusion: tuple[CellOcclusion, ...] = Field(("partial", "full"), min_length=1)
 
     @property

@@ -283,8 +283,8 @@ def test_a_training_starts_from_a_policy(setup_file, tmp_path):
 def test_nothing_worse_comes_of_a_training_than_it_starts_from(setup_file, tmp_path):
     setup = load_setup(setup_file)
     first = PolicyFile(train(setup, tmp_path / "first").policy)
-    # A rate at which nothing is left of what it could do: it stands, or hits the brake at once.
-    spoilt = {"learning_rate": 10.0, "mean_init": -1.0, "value_steps": 16}
+    # At this rate nothing is left of what it could do.
+    spoilt = {"learning_rate": 10.0, "value_steps": 16}
     learning = setup.learning.model_copy(update=spoilt)
     trained = train(
         setup.model_copy(update={"start": str(first.path), "learning": learning}),
@@ -374,7 +374,7 @@ def test_a_setup_says_nothing_of_later_options_that_it_does_not_use(later):
 
 
 @pytest.mark.parametrize(("limit", "factor"), [(None, 1.0), (0.5, 0.125), (4.0, 1.0), (9.0, 1.0)])
-def test_means_beyond_the_limit_are_shrunk_and_keep_their_order(limit, factor):
+def test_means_beyond_the_limit_are_shrunk(limit, factor):
     """A policy that always says 4 is left alone, or says as much as the limit allows."""
     still = {"learning_rate": 1e-12, "last_learning_rate": 1e-12, "layers": [8]}
     setup, streets = streets_with(**still, rollout_steps=16, batch_size=16, mean_limit=limit)
