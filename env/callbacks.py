@@ -7,12 +7,10 @@ from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
-import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-from env.policy_files import actor_of
 from env.setup import Setup
 
 Progress = Callable[[int, str], None]
@@ -77,41 +75,6 @@ class LessNoise(BaseCallback):
         done = self.num_timesteps / self._steps
         log_std = cast(nn.Parameter, self.model.policy.log_std)
         log_std.data.clamp_(max=self._first + done * (self._last - self._first))
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class LimitedMeans(BaseCallback):
-    """Keeps the actions' means of the order of the pedal's range, if the setup says so.
-
-    PPO's Gaussian knows no bounds, and the street clips what is drawn: a mean beyond the range
-    drives as one at its edge does, so nothing holds it back. Many deviations beyond, all actions
-    that are drawn are the same, and no collision can teach the policy another. (On what clipping
-    does to policy gradients: Fujita and Maeda, "Clipped Action Policy Gradient", 2018.)
-    """
-
-    def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self._limit = setup.learning.mean_limit
-        self._excess = 1.0  # the last rollout's root mean square, divided by the limit
-
-    def _on_rollout_end(self) -> None:
-        if self._limit is None:
-            return
-        observations = torch.from_numpy(self.locals["rollout_buffer"].observations).flatten(0, 1)
-        features = cast(nn.Module, self.model.policy.features_extractor)
-        with torch.no_grad():
-            means = actor_of(self.model)(features(observations))
-        rms = float(means.square().mean().sqrt())
-        self.logger.record("Action/rms_of_means", rms)
-        self._excess = rms / self._limit
-
-    def _on_rollout_start(self) -> None:
-        # Not before the update, in which PPO compares its policy with the one that drove.
-        if self._excess > 1.0:
-            for parameter in cast(nn.Linear, self.model.policy.action_net).parameters():
-                parameter.data /= self._excess
 
     def _on_step(self) -> bool:
         return True

@@ -12,11 +12,12 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from env.actor_critic import ActorCritic, Networks
 from env.callbacks import Progress
+from env.observation import STATE_FIELDS
 from env.policies import SUFFIX, TRAINED, check_exists, policy_file
 from env.policy_files import PolicyFile, actor_of, load_actor
 from env.setup import Setup
-from env.whitening import Whitening
 from sfol.errors import UsageError
 from vsr.codebook import Codebook
 
@@ -32,7 +33,6 @@ _OWN = {
     "last_log_std",
     "layers",
     "mean_init",
-    "mean_limit",
     "log_std_init",
     "reward_scale",
     "observation_scale",
@@ -110,17 +110,18 @@ def untrained_model(setup: Setup, streets: VecEnv) -> PPO:
     """Return a model with a setup's hyperparameters that has seen nothing."""
     learning = setup.learning
     layers = list(learning.layers)
-    # What a policy to start from has been whitened by is part of its first layer.
-    whitened = learning.whitening_steps and setup.start is None
     model = PPO(
-        "MlpPolicy",
+        ActorCritic,
         streets,
         seed=setup.seed,
         device=DEVICE,
         policy_kwargs={
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
-            **({"features_extractor_class": Whitening} if whitened else {}),
+            "frames": setup.frames,
+            "state_size": len(STATE_FIELDS) if setup.privileged else 0,
+            # What a policy to start from has been whitened by is part of its first layer.
+            "whitened": bool(learning.whitening_steps) and setup.start is None,
         },
         learning_rate=LinearSchedule(
             learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
@@ -163,4 +164,6 @@ def _whiten(model: PPO, setup: Setup, streets: VecEnv, progress: Progress) -> No
         progress(0, f"looking around, {len(seen) * streets.num_envs} of {steps} steps")
         seen.append(observations)
         observations, *_ = streets.step(model.predict(observations)[0])
-    cast(Whitening, model.policy.features_extractor).measure(np.concatenate(seen))
+    networks = cast(Networks, model.policy.mlp_extractor)
+    assert networks.whitening is not None
+    networks.whitening.measure(networks.of_actor(torch.from_numpy(np.concatenate(seen))))

@@ -17,7 +17,6 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from env.setup import Setup
-from env.whitening import Whitening
 from sfol.errors import UsageError
 from sfol.writing import replacing
 from vsr.codebook import Codebook
@@ -64,7 +63,7 @@ class PolicyFile:
 
         Args:
             card: what it is.
-            model: PPO of stable-baselines3, with its ``MlpPolicy``.
+            model: PPO of stable-baselines3, with an `env.actor_critic.ActorCritic`.
         """
         if card.setup.observation == "vsr":
             Codebook().save(self._codebook)
@@ -129,8 +128,8 @@ def load_actor(model: Any, file: PolicyFile, setup: Setup) -> None:
     the beginning.
 
     Args:
-        model: PPO of stable-baselines3, with its ``MlpPolicy`` and layers as wide as the policy's,
-            not whitened.
+        model: PPO of stable-baselines3, with an `env.actor_critic.ActorCritic` whose layers are as
+            wide as the policy's, not whitened.
         file: of the policy.
         setup: of the model; its observation has all that the policy is given.
 
@@ -164,10 +163,10 @@ def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:
     The model was trained on observations that were scaled and whitened; these weights take them as
     they are.
     """
-    actor, features = actor_of(model), model.policy.features_extractor
+    actor, whitening = actor_of(model), model.policy.mlp_extractor.whitening
     state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
-    if isinstance(features, Whitening):
-        state["0.weight"], state["0.bias"] = features.folded(state["0.weight"], state["0.bias"])
+    if whitening is not None:
+        state["0.weight"], state["0.bias"] = whitening.folded(state["0.weight"], state["0.bias"])
     state["0.weight"] *= scale
     return state
 

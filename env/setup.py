@@ -86,13 +86,6 @@ class Learning(_Section):
     mean_init: float = Field(
         0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
     )
-    mean_limit: float | None = Field(
-        None,
-        gt=0,
-        exclude_if=lambda limit: limit is None,
-        description="the greatest root mean square of the actions' means in a rollout; far beyond "
-        "the pedal's range, noise explores nothing; null: no limit",
-    )
     log_std_init: float = Field(-1.0, description="logarithm of the actions' first deviation")
     last_log_std: float | None = Field(
         None,
@@ -120,18 +113,16 @@ class Setup(_Section):
     frames: Positive = Field(
         1, description="how many observations, the last ones, a policy is given together"
     )
+    critic: Literal["state", "observation"] = Field(
+        "observation",
+        # So setups from before there was a choice have the hashes that their results name.
+        exclude_if=lambda critic: critic == "observation",
+        description="what the value function, which training alone needs, is given: the world's "
+        "state, or what the policy is given",
+    )
     stages: tuple[Stage, ...] = Field(min_length=1)
     streets: Positive = Field(2, description="that are driven at once, each in its own process")
     seed: int = Field(0, ge=0)
-    retries: float = Field(
-        0.0,
-        ge=0,
-        lt=1,
-        # So setups from before there were retries have the hashes that their results name;
-        # `mean_limit` is left out for the same reason.
-        exclude_if=lambda retries: retries == 0,
-        description="share of the training's episodes that are one again in which ego collided",
-    )
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "
@@ -170,6 +161,11 @@ class Setup(_Section):
     def hash(self) -> str:
         """12 hexadecimal digits of the SHA-256 of all that it says."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the value function is given what the policy is not."""
+        return self.critic == "state" and self.observation != "state"
 
     @property
     def steps(self) -> int:

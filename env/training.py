@@ -27,7 +27,6 @@ from env.callbacks import (
     Curriculum,
     Episodes,
     LessNoise,
-    LimitedMeans,
     Progress,
     ProgressReport,
     RewardParts,
@@ -98,8 +97,11 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
 
 def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
-    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS, retries=setup.retries)
+    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
     try:
+        # All at once: later, the others would wait whenever one builds, for seconds each time.
+        progress(0, "building streets")
+        streets.env_method("build")
         model = _last_model(streets, folder)
         if model is None:
             model = new_model(setup, streets, progress)
@@ -110,7 +112,6 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         callbacks: list[BaseCallback] = [
             Curriculum(setup),
             LessNoise(setup),
-            LimitedMeans(setup),
             RewardParts(),
             Episodes(record.episode),
             BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),

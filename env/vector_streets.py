@@ -24,15 +24,13 @@ import sfol
 from env.camera import DashCameraParameters
 from env.cells import Cell
 from env.curriculum import StreetsInTurn
-from env.observation import observer_of
+from env.observation import STATE_FIELDS, Observer, PrivilegedObserver, observer_of
 from env.setup import Setup
 
 Array = npt.NDArray[np.float32]
 
 
-def make_streets(
-    setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0, retries: float = 0.0
-) -> VecEnv:
+def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
     """Return a setup's streets, with its observations and rewards, each in its own process.
 
     The processes draw, perceive and describe for themselves, so that all processors are busy all
@@ -43,9 +41,8 @@ def make_streets(
         cells: to draw from.
         seed: of the first street; the others follow.
         count: how many streets; the setup's number by default.
-        retries: share of episodes that are driven again where ego collided; see `StreetsInTurn`.
     """
-    make: Callable[[], Any] = partial(_street, setup, tuple(cells), retries)
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
     number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
@@ -57,21 +54,30 @@ def make_streets(
     # Monitored before they are scaled: returns are told as the rules give them.
     streets = ScaledStreets(
         VecMonitor(streets),
-        observations=setup.learning.observation_scale,
+        observations=_scales(setup, cast(spaces.Box, streets.observation_space)),
         rewards=setup.learning.reward_scale,
     )
     streets.seed(seed)
     return streets
 
 
-def _street(setup: Setup, cells: tuple[Cell, ...], retries: float) -> StreetsInTurn:
+def _scales(setup: Setup, space: spaces.Box) -> Array:
+    """Return the factor on each number of an observation; the critic's are at most 1 already."""
+    scales = np.full(space.shape, setup.learning.observation_scale, np.float32)
+    if setup.privileged:
+        scales.reshape(setup.frames, -1)[:, -len(STATE_FIELDS) :] = 1.0
+    return scales
+
+
+def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
     """Return what one process drives on."""
-    observer = observer_of(
+    observer: Observer = observer_of(
         setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
     )
+    if setup.privileged:
+        observer = PrivilegedObserver(observer)
     return StreetsInTurn(
         cells,
-        retries=retries,
         rules=sfol.KnowledgeBase.load(*setup.rules),
         perception=setup.perception,
         observation=observer,
@@ -92,15 +98,16 @@ class ScaledStreets(VecEnvWrapper):
 
     Args:
         streets: without scales.
-        observations: factor on them, `PolicyFile.write` puts it into the policy's first layer.
+        observations: factors on them, float32 (N,), or one on all; `PolicyFile.write` puts the
+            policy's into its first layer.
         rewards: factor on them.
     """
 
-    def __init__(self, streets: VecEnv, *, observations: float, rewards: float) -> None:
+    def __init__(self, streets: VecEnv, *, observations: Array | float, rewards: float) -> None:
         space = cast(spaces.Box, streets.observation_space)
         scaled = spaces.Box(observations * space.low, observations * space.high, dtype=np.float32)
         super().__init__(streets, observation_space=scaled)
-        self._observations = np.float32(observations)
+        self._observations = np.asarray(observations, np.float32)
         self._rewards = rewards
 
     def reset(self) -> VecEnvObs:

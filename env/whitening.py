@@ -8,14 +8,8 @@ Gradient descent learns along the first long before it does along the others (Le
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 import torch
-from gymnasium import spaces
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from torch import Tensor
+from torch import Tensor, nn
 
 from env.setup import MEASURED_AT_LEAST
 
@@ -26,7 +20,7 @@ _FLOOR = 1e-2
 _RMS = 0.3  # of what comes out; much more would drive units of tanh to where they hardly learn
 
 
-class Whitening(BaseFeaturesExtractor):
+class Whitening(nn.Module):
     """z = scale · (I + Σ_i (g_i - 1) v_i v_iᵀ) (x - mean), the first layer of a policy; not learnt.
 
     Along v_i, where observations vary most, the gains g_i shrink them to a deviation that all such
@@ -34,7 +28,7 @@ class Whitening(BaseFeaturesExtractor):
     Until `measure` is called, z = x.
 
     Args:
-        space: of the observations, float (D,).
+        size: D, how many numbers an observation has.
     """
 
     mean: Tensor
@@ -42,30 +36,28 @@ class Whitening(BaseFeaturesExtractor):
     gains: Tensor
     scale: Tensor
 
-    def __init__(self, space: spaces.Box) -> None:
-        (size,) = space.shape
-        super().__init__(space, size)
+    def __init__(self, size: int) -> None:
+        super().__init__()
         rank = min(_RANK, size)
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("directions", torch.zeros(size, rank))
         self.register_buffer("gains", torch.ones(rank))
         self.register_buffer("scale", torch.ones(()))
 
-    def measure(self, observations: npt.NDArray[Any]) -> None:
+    def measure(self, observations: Tensor) -> None:
         """Find out how observations vary.
 
         Args:
-            observations: float (N, D), N at least `env.setup.MEASURED_AT_LEAST`.
+            observations: float32 (N, D), N at least `env.setup.MEASURED_AT_LEAST`.
         """
-        seen = torch.from_numpy(np.asarray(observations, np.float32))
-        _, deviations, directions = torch.pca_lowrank(seen, q=len(self.gains), niter=4)
+        _, deviations, directions = torch.pca_lowrank(observations, q=len(self.gains), niter=4)
         if deviations[0] == 0.0:  # an empty street: they are all the same
             return
-        self.mean.copy_(seen.mean(dim=0))
+        self.mean.copy_(observations.mean(dim=0))
         floor = deviations[0] * _FLOOR**0.5
         self.directions.copy_(directions)
         self.gains.copy_(floor / deviations.clamp(min=floor))
-        self.scale.copy_(_RMS / self._shrunk(seen - self.mean).square().mean().sqrt())
+        self.scale.copy_(_RMS / self._shrunk(observations - self.mean).square().mean().sqrt())
 
     def forward(self, observations: Tensor) -> Tensor:
         """Return z of observations, float (B, D)."""

@@ -5,15 +5,18 @@ from functools import partial
 
 import numpy as np
 import pytest
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import sfol
+from env.actor_critic import ActorCritic
 from env.cells import Cell
 from env.crossing import OccludedCrossing
 from env.curriculum import StreetsInTurn
 from env.evaluate import Drive
+from env.new_model import untrained_model
 from env.policies import TrainedDriver, file_hash, make_driver
 from env.policy_files import PolicyCard, PolicyFile, act, load_actor
 from env.setup import Setup
@@ -49,7 +52,7 @@ def write(path, model, chosen):
 
 def untrained(streets, **options):
     kwargs = {"net_arch": {"pi": [8, 4], "vf": [8]}}
-    return PPO("MlpPolicy", streets, policy_kwargs=kwargs, seed=3, device="cpu", **options)
+    return PPO(ActorCritic, streets, policy_kwargs=kwargs, seed=3, device="cpu", **options)
 
 
 @pytest.fixture(scope="module")
@@ -123,10 +126,12 @@ def test_it_observes_what_it_was_trained_on(tmp_path):
         fusion="ssi",
         speed=True,
         frames=2,
+        critic="state",
         streets=1,
     )
     trained_on = make_streets(chosen, [CELL], seed=0)
-    path = write(tmp_path / "vsr.safetensors", untrained(trained_on), chosen)
+    model = untrained_model(chosen, trained_on)
+    path = write(tmp_path / "vsr.safetensors", model, chosen)
     trained_on.seed(7)  # the model has given it its own
     driver = TrainedDriver(path)
     kb = sfol.KnowledgeBase.load("crossing")
@@ -135,7 +140,8 @@ def test_it_observes_what_it_was_trained_on(tmp_path):
         expected = trained_on.reset()
         turn.reset(seed=7)
         for pedal in (1.0, 1.0, -0.5, 0.3):
-            np.testing.assert_allclose(driver.observe(turn.street), expected[0], atol=1e-5)
+            seen = model.policy.mlp_extractor.of_actor(torch.from_numpy(expected))
+            np.testing.assert_allclose(driver.observe(turn.street), seen[0], atol=1e-5)
             expected, *_ = trained_on.step(np.array([[pedal]], np.float32))
             turn.step(np.array([pedal], np.float32))
         assert np.abs(expected[0]).max() > 0.1

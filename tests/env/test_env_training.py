@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import yaml
 from stable_baselines3 import PPO
 from typer.testing import CliRunner
 
 from env import training
-from env.callbacks import LimitedMeans
 from env.cli import app
 from env.history import History
 from env.new_model import new_model, untrained_model
@@ -209,7 +207,7 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog, monke
         )
     assert checkpoints[-1].name in caplog.text
     assert "skipped" in caplog.text
-    assert seen == list(range(17, 65))
+    assert seen == [0, *range(17, 65)]
     assert trained.steps == 64
     assert not list(folder.glob("*.part*"))
 
@@ -276,8 +274,9 @@ def test_a_training_starts_from_a_policy(setup_file, tmp_path):
     np.testing.assert_allclose(pedals(first), pedals(second), atol=1e-5)
     assert second.card().start_hash == file_hash(first.path)
     assert first.card().start_hash is None
-    assert told[31] == (0, "learning its value, 32 of 32 steps")
-    assert told[32][0] == 1
+    assert told[0] == (0, "building streets")
+    assert told[32] == (0, "learning its value, 32 of 32 steps")
+    assert told[33][0] == 1
 
 
 def test_nothing_worse_comes_of_a_training_than_it_starts_from(setup_file, tmp_path):
@@ -349,43 +348,13 @@ def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
     assert not (tmp_path / "second").exists()
 
 
-def test_collisions_are_driven_again_in_training_and_not_in_evaluations(tmp_path, monkeypatch):
-    made = []
-
-    def record(setup, cells, seed, **options):
-        made.append((seed >= training.EVALUATION_SEEDS, options.get("retries", 0.0)))
-        return make_streets(setup, cells, seed, **options)
-
-    monkeypatch.setattr(training, "make_streets", record)
-    train(Setup.model_validate(yaml.safe_load(SMALL) | {"retries": 0.3}), tmp_path / "run")
-    assert made == [(False, 0.3), (True, 0.0)]
-
-
-@pytest.mark.parametrize("later", [{"retries": 0.5}, {"learning": {"mean_limit": 2.0}}])
-def test_a_setup_says_nothing_of_later_options_that_it_does_not_use(later):
-    """So it has the hash that results from before there were these options name."""
+def test_a_setup_says_nothing_of_a_later_option_that_it_does_not_use():
+    """So it has the hash that results from before there was this option name."""
     first = {"version": 1, "name": "s", "stages": [{"steps": 1, "traffic": ["low"]}]}
-    plain, changed = Setup.model_validate(first), Setup.model_validate(first | later)
+    plain, changed = (Setup.model_validate(first | later) for later in ({}, {"critic": "state"}))
     assert plain.hash != changed.hash
-    told = plain.model_dump_json()
-    assert "retries" not in told
-    assert "mean_limit" not in told
+    assert "critic" not in plain.model_dump_json()
     assert Setup.model_validate_json(changed.model_dump_json()) == changed
-
-
-@pytest.mark.parametrize(("limit", "factor"), [(None, 1.0), (0.5, 0.125), (4.0, 1.0), (9.0, 1.0)])
-def test_means_beyond_the_limit_are_shrunk(limit, factor):
-    """A policy that always says 4 is left alone, or says as much as the limit allows."""
-    still = {"learning_rate": 1e-12, "last_learning_rate": 1e-12, "layers": [8]}
-    setup, streets = streets_with(**still, rollout_steps=16, batch_size=16, mean_limit=limit)
-    with contextlib.closing(streets):
-        model = untrained_model(setup, streets)
-        last = model.policy.action_net
-        last.weight.data.zero_()
-        last.bias.data.fill_(4.0)
-        observations = streets.reset()
-        model.learn(32, callback=LimitedMeans(setup))  # shrunk after the first rollout
-        assert actor_of(model)(torch.from_numpy(observations)).item() == pytest.approx(4 * factor)
 
 
 @pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])

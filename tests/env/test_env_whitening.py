@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from gymnasium import spaces
 from stable_baselines3 import PPO
 
 from env import training
@@ -25,7 +24,7 @@ def observations():
 
 @pytest.fixture
 def whitening():
-    return Whitening(spaces.Box(-np.inf, np.inf, (SIZE,), np.float32))
+    return Whitening(SIZE)
 
 
 def test_unmeasured_it_changes_nothing(whitening, observations):
@@ -34,7 +33,7 @@ def test_unmeasured_it_changes_nothing(whitening, observations):
 
 
 def test_what_varies_most_is_shrunk_and_nothing_is_amplified(whitening, observations):
-    whitening.measure(observations)
+    whitening.measure(torch.from_numpy(observations))
     z = whitening(torch.from_numpy(observations)).double().numpy()
     assert np.allclose(z.mean(axis=0), 0.0, atol=1e-4)
     assert np.sqrt((z**2).mean()) == pytest.approx(0.3)
@@ -46,7 +45,7 @@ def test_what_varies_most_is_shrunk_and_nothing_is_amplified(whitening, observat
 
 
 def test_a_linear_layer_takes_it_in(whitening, observations):
-    whitening.measure(observations)
+    whitening.measure(torch.from_numpy(observations))
     layer = torch.nn.Linear(SIZE, 4)
     seen = torch.from_numpy(observations[:20])
     weight, bias = whitening.folded(layer.weight, layer.bias)
@@ -79,13 +78,13 @@ def test_a_training_measures_once_and_its_policy_keeps_it(tmp_path, small_setup)
 
     first, _ = train()
     assert "looking around, 127 of 128 steps" in told
-    assert first.policy.features_extractor.gains.min() < 0.5
+    assert first.policy.mlp_extractor.whitening.gains.min() < 0.5
     (tmp_path / "checkpoint-000000032.zip").unlink()
     (tmp_path / "evaluations.jsonl").unlink()
     _, last = train()  # goes on from the first checkpoint
     assert not any("looking around" in what for what in told)
-    measured = dict(first.policy.features_extractor.named_buffers())
-    for name, buffer in last.policy.features_extractor.named_buffers():
+    measured = dict(first.policy.mlp_extractor.whitening.named_buffers())
+    for name, buffer in last.policy.mlp_extractor.whitening.named_buffers():
         assert torch.equal(buffer, measured[name])
 
     network = PolicyFile(tmp_path / "policy.safetensors").network()
@@ -95,5 +94,5 @@ def test_a_training_measures_once_and_its_policy_keeps_it(tmp_path, small_setup)
 
 
 def test_an_empty_street_leaves_observations_as_they_are(whitening):
-    whitening.measure(np.zeros((200, SIZE), np.float32))
+    whitening.measure(torch.zeros(200, SIZE))
     assert torch.equal(whitening(torch.ones(2, SIZE)), torch.ones(2, SIZE))
