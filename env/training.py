@@ -99,10 +99,12 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
     streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
     try:
-        # All at once: later, the others would wait whenever one builds, for seconds each time.
-        progress(0, "building streets")
-        streets.env_method("build")
         model = _last_model(streets, folder)
+        done = model.num_timesteps if model else 0
+        if done < setup.steps:
+            # All at once: later, the others would wait whenever one builds, for seconds each time.
+            progress(done, "building streets")
+            streets.env_method("build")
         if model is None:
             model = new_model(setup, streets, progress)
         # The model has given the streets its own seed; and a training that goes on meets new ones.
