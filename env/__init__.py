@@ -9,7 +9,7 @@ Example:
 from contextlib import suppress
 from typing import Any
 
-from env import cells
+from env.world import cells
 
 # The cells' ids, with the arguments that make a street one of them.
 CELLS: dict[str, dict[str, Any]] = {cell.id: cell._asdict() for cell in cells.CELLS}
@@ -21,6 +21,6 @@ with suppress(ModuleNotFoundError):  # without Gymnasium nobody can ask for an e
     for name in IDS:
         register(
             id=name,
-            entry_point="env.crossing:OccludedCrossing",
+            entry_point="env.street.crossing:OccludedCrossing",
             kwargs=CELLS.get(name, {}),
         )

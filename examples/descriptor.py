@@ -8,10 +8,10 @@ Run it: python examples/descriptor.py
 import numpy as np
 
 from vsr.classes import CLASS_COUNT, SemanticClass
-from vsr.codebook import Codebook
-from vsr.decoding import Decoder
-from vsr.descriptor import SceneDescriptor
 from vsr.entities import find_entities
+from vsr.hypervectors.codebook import Codebook
+from vsr.hypervectors.decoding import Decoder
+from vsr.hypervectors.descriptor import SceneDescriptor
 
 rows, columns = np.indices((120, 160))
 classes = np.full((120, 160), SemanticClass.SKY)

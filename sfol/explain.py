@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from sfol.engines import Conclusions
+from sfol.engines.compiled import Conclusions
+from sfol.engines.matching import rule_criterion
+from sfol.engines.plan import Plan
+from sfol.engines.tables import Constants, Tables, ground
 from sfol.facts import Bound
 from sfol.knowledge_base import RewardTerm, Rule
-from sfol.matching import rule_criterion
-from sfol.plan import Plan
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
-from sfol.tables import Constants, Tables, ground
 
 if TYPE_CHECKING:
     import networkx

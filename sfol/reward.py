@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, overload
 
 from sfol import arrays
 from sfol.arrays import Array, backend_of
-from sfol.batch import Batch, encode
-from sfol.engines import Conclusions, Engine, make_engine
+from sfol.engines.batch import Batch, encode
 from sfol.engines.batched import Bounds, conclude
+from sfol.engines.compiled import Conclusions
+from sfol.engines.engine import Engine, make_engine
+from sfol.engines.matching import condition_criterion
+from sfol.engines.plan import Plan
 from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
-from sfol.matching import condition_criterion
 from sfol.operators import CONFIDENCES
-from sfol.plan import Plan
 from sfol.syntax import Atom
 
 if TYPE_CHECKING:

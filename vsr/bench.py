@@ -13,16 +13,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sfol.bench import median
 from sfol.facts import Facts
-from vsr import attention, network_speed
+from sfol.tools.bench import median
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
-from vsr.codebook import GRID, Codebook
-from vsr.descriptor import Layout, SceneDescriptor
 from vsr.entities import Direction, class_map, find_entities
 from vsr.facts import scene_facts
-from vsr.fusion import Fusion
 from vsr.grounding import SegmentationGrounding
+from vsr.hypervectors import attention
+from vsr.hypervectors.codebook import GRID, Codebook
+from vsr.hypervectors.descriptor import Layout, SceneDescriptor
+from vsr.hypervectors.fusion import Fusion
+from vsr.networks import network_speed
 from vsr.segmentation import Frame
 
 ENTITIES, NEIGHBOURS, CELLS = 12, 3, 20

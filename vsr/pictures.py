@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfol.plotting import new_figure
+from sfol.tools.plotting import new_figure
 from vsr.classes import CLASS_COUNT, COLOURS, DESCRIPTOR_CLASSES, SemanticClass
-from vsr.codebook import GRID
-from vsr.decoding import DecodedEntity
 from vsr.entities import ClassMap, Direction, Entity
+from vsr.hypervectors.codebook import GRID
+from vsr.hypervectors.decoding import DecodedEntity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

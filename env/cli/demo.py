@@ -16,16 +16,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import sfol
-from env.actors import Behaviour
-from env.cells import Traffic
 from env.cli.app import app
-from env.crossing import OccludedCrossing
-from env.episode import Episode, Step
-from env.moment import moment_pictures
-from env.policies import TRAINED, make_driver
-from env.recording import coverage, drive, most_dangerous, signals_of, write_log
-from env.report import Focus, Provenance, write_report
-from env.world import Occlusion
+from env.demo.episode import Episode, Step
+from env.demo.moment import moment_pictures
+from env.demo.recording import coverage, drive, most_dangerous, signals_of, write_log
+from env.demo.report import Focus, Provenance, write_report
+from env.driving.policies import TRAINED, make_driver
+from env.street.crossing import OccludedCrossing
+from env.world.actors import Behaviour
+from env.world.cells import Traffic
+from env.world.world import Occlusion
 from sfol.facts import Facts
 
 

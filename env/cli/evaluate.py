@@ -12,16 +12,16 @@ import typer
 from rich.console import Console
 
 import sfol
-from env.cells import CELLS, Cell, CellOcclusion, Traffic
 from env.cli import tables
 from env.cli.app import app
 from env.cli.progress import counting
-from env.evaluate import FIRST_SEED, Drive, evaluate
-from env.metrics import DISCOUNT
-from env.parallel import cores
-from env.policies import make_driver
-from env.results import DriveResult, ResultFolder
-from env.returns import CONDUCTS, faults, worth
+from env.driving.policies import make_driver
+from env.driving.setup import DISCOUNT
+from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
+from env.evaluation.parallel import cores
+from env.evaluation.results import DriveResult, ResultFolder
+from env.evaluation.returns import CONDUCTS, faults, worth
+from env.world.cells import CELLS, Cell, CellOcclusion, Traffic
 from sfol.errors import UsageError
 
 PerceptionOption = Annotated[

@@ -13,18 +13,18 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from env.cells import CELLS
 from env.cli.app import app
-from env.figures import collision_test, driving
-from env.figures.contenders import Contenders, gather, groups, in_order
-from env.figures.curves import draw_curves
-from env.figures.fluctuation import draw_fluctuation, weights_of
-from env.figures.paper import Paper, load_paper
-from env.figures.radar import draw_radar
-from env.figures.style import save
-from env.figures.trajectory import draw_trajectory
-from env.results import ResultFolder, write_csv
-from env.study_results import StudyFolder
+from env.evaluation.results import ResultFolder, write_csv
+from env.study.figures import collision_test, driving
+from env.study.figures.contenders import Contenders, gather, groups, in_order
+from env.study.figures.curves import draw_curves
+from env.study.figures.fluctuation import draw_fluctuation, weights_of
+from env.study.figures.paper import Paper, load_paper
+from env.study.figures.radar import draw_radar
+from env.study.figures.style import save
+from env.study.figures.trajectory import draw_trajectory
+from env.study.study_results import StudyFolder
+from env.world.cells import CELLS
 from sfol.errors import UsageError
 from sfol.writing import replacing
 

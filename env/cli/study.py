@@ -9,16 +9,16 @@ import typer
 from rich.console import Console
 from rich.progress import TaskID
 
-from env.cells import CELLS, Cell
 from env.cli.app import app
 from env.cli.evaluate import CellOption, WorkersOption
 from env.cli.figures import DriversOption, figures_command
 from env.cli.progress import counters
-from env.figures.paper import load_paper
-from env.parallel import cores
-from env.setup import load_setup
-from env.study import StudyPlan, run_study
-from env.study_results import StudyFolder
+from env.driving.setup import load_setup
+from env.evaluation.parallel import cores
+from env.study.figures.paper import load_paper
+from env.study.study import StudyPlan, run_study
+from env.study.study_results import StudyFolder
+from env.world.cells import CELLS, Cell
 
 
 @app.command()

@@ -14,10 +14,10 @@ from env.cli import tables
 from env.cli.app import app
 from env.cli.evaluate import DriverOption, PerceptionOption, RulesOption, TrustOption, WorkersOption
 from env.cli.progress import counting
-from env.parallel import cores
-from env.policies import make_driver
-from env.results import SweepResult, versions, write_json
-from env.sweep import APPROACHES, Sweep, run_sweeps
+from env.driving.policies import make_driver
+from env.evaluation.parallel import cores
+from env.evaluation.results import SweepResult, versions, write_json
+from env.evaluation.sweep import APPROACHES, Sweep, run_sweeps
 
 
 @app.command("sweep")

@@ -8,11 +8,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from env.evaluate import Summary
-from env.metrics import Mean, Share
-from env.results import DriveResult
-from env.returns import Worth
-from env.sweep import ApproachResult
+from env.evaluation.evaluate import Summary
+from env.evaluation.results import DriveResult
+from env.evaluation.returns import Worth
+from env.evaluation.statistics import Mean, Share
+from env.evaluation.sweep import ApproachResult
 
 
 def print_results(console: Console, results: Sequence[DriveResult]) -> None:

@@ -4,7 +4,7 @@
 from sfol.cli import (
     init,
     check,
-    cases,
+    test_command,
     show,
     explain,
     lint,
@@ -20,7 +20,6 @@ from sfol.cli.output import print_errors, run
 
 __all__ = [
     "bench",
-    "cases",
     "check",
     "diff",
     "explain",
@@ -34,4 +33,5 @@ __all__ = [
     "run",
     "schema",
     "show",
+    "test_command",
 ]

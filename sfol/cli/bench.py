@@ -9,11 +9,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from sfol.bench import measure
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
 from sfol.cli.output import stdout
 from sfol.knowledge_base import KnowledgeBase
+from sfol.tools.bench import measure
 
 
 @app.command()

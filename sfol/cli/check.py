@@ -11,7 +11,7 @@ from sfol.cli.app import app
 from sfol.cli.inputs import Sources, files
 from sfol.cli.output import escaped, print_errors, singles, stdout
 from sfol.errors import SfolError
-from sfol.loading import load
+from sfol.knowledge_base import KnowledgeBase
 
 
 @app.command()
@@ -27,7 +27,7 @@ def check(sources: Sources) -> None:
     shown: set[str] = set()  # an error in a base is an error of all that extend it: once is enough
     for path in files(sources):
         try:
-            kb = load(path, sections=sections)
+            kb = KnowledgeBase.load(path, sections=sections)
         except SfolError as error:
             print_errors(error, but=shown)
             shown |= {str(single) for single in singles(error)}

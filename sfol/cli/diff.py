@@ -16,13 +16,13 @@ from rich.table import Table
 from sfol.cli.app import app
 from sfol.cli.inputs import LogFile, path_or_name
 from sfol.cli.output import escaped, note_unknown, print_errors, stdout
-from sfol.diff import Change, LogDifference, MovedStep, compare, compare_log
 from sfol.errors import SfolError, UsageError
-from sfol.history import committed
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, read_log
-from sfol.replay import known
 from sfol.reward import RewardFunction
+from sfol.tools.committed import committed
+from sfol.tools.diff import Change, LogDifference, MovedStep, compare, compare_log
+from sfol.tools.replay import known
 
 _MARKS = {"added": ("+", "green"), "removed": ("-", "red"), "changed": ("~", "yellow")}
 _SECONDS = 0.5

@@ -14,8 +14,8 @@ from sfol.cli.app import app
 from sfol.cli.inputs import Sources, files
 from sfol.cli.output import escaped, print_errors, stdout
 from sfol.errors import SfolError, UsageError
-from sfol.formatting import format_file
-from sfol.loading import load
+from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base.formatting import format_file
 from sfol.writing import replacing
 
 _COLOURS = {"+": "green", "-": "red", "@": "cyan"}
@@ -75,7 +75,7 @@ def _paths(sources: list[str]) -> Iterator[Path]:
 
 def _formatted(path: Path) -> tuple[str, str]:
     """Return the text of a valid file, and the same formatted; line breaks are not translated."""
-    load(path)
+    KnowledgeBase.load(path)
     text = path.read_bytes().decode()
     return text, format_file(text)
 

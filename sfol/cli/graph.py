@@ -9,8 +9,8 @@ import typer
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
-from sfol.graph import mermaid, svg
 from sfol.knowledge_base import KnowledgeBase
+from sfol.tools.graph import mermaid, svg
 
 
 class Format(StrEnum):

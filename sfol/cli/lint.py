@@ -13,10 +13,10 @@ from sfol.cli.app import app
 from sfol.cli.inputs import LogFile, Sources, files
 from sfol.cli.output import escaped, note_unknown, stdout
 from sfol.knowledge_base import KnowledgeBase
-from sfol.lint import DOMINANT, ENDINGS, Finding, lint_episodes, located
-from sfol.lint import lint as findings_of
 from sfol.logs import read_log
-from sfol.replay import replay
+from sfol.tools.lint import DOMINANT, ENDINGS, Finding, lint_episodes, located
+from sfol.tools.lint import lint as findings_of
+from sfol.tools.replay import replay
 
 _COLOURS = {"warning": "yellow", "info": "cyan"}
 

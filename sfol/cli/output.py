@@ -10,7 +10,7 @@ from rich.console import Console
 from sfol.errors import InvalidKnowledgeBase, SfolError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log
-from sfol.replay import unknown_names
+from sfol.tools.replay import unknown_names
 
 
 def stdout() -> Console:

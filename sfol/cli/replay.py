@@ -16,10 +16,10 @@ from sfol.cli.output import escaped, note, note_unknown, stdout
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, LoggedStep, read_log
-from sfol.plotting import MOST_EPISODES, plot
-from sfol.replay import ReplayedEpisode
-from sfol.replay import replay as replayed
 from sfol.reward import Outcome
+from sfol.tools.plotting import MOST_EPISODES, plot
+from sfol.tools.replay import ReplayedEpisode
+from sfol.tools.replay import replay as replayed
 
 _NAMES, _COLUMN = 28, 11  # characters for the names of the rows, and for each step
 _COLOURS = {

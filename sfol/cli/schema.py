@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sfol.cli.app import app
-from sfol.schema import schema_text
+from sfol.knowledge_base.schema import schema_text
 
 
 @app.command()

@@ -1,55 +1,7 @@
-"""Engines: facts in, conclusions out. All give the same conclusions."""
+"""Engines: facts in, conclusions out. All give the same conclusions.
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
-from typing import Protocol
-
-from sfol.engines.compiled import CompiledEngine, Conclusions
-from sfol.errors import UsageError, did_you_mean
-from sfol.facts import Bound, Facts
-from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.plan import Plan
-from sfol.program import Program
-from sfol.tables import Constants, Tables
-
-__all__ = ["ENGINES", "CompiledEngine", "Conclusions", "Engine", "make_engine"]
-
-
-class Engine(Protocol):
-    """What every engine can do."""
-
-    program: Program
-
-    def conclude(self, facts: Facts) -> Conclusions:
-        """Return everything that follows from facts."""
-        ...
-
-    def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> Mapping[Constants, Bound]:
-        """Return what one rule alone concludes."""
-        ...
-
-
-def _pyreason_engine(kb: KnowledgeBase) -> Engine:
-    from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415  (few need it)
-
-    return PyReasonEngine(kb)
-
-
-ENGINES: Mapping[str, Callable[[KnowledgeBase], Engine]] = {
-    "compiled": CompiledEngine,
-    "pyreason": _pyreason_engine,
-}
-
-
-def make_engine(name: str, kb: KnowledgeBase) -> Engine:
-    """Return an engine by its name.
-
-    Raises:
-        UsageError: there is none of this name.
-    """
-    if name not in ENGINES:
-        raise UsageError(
-            f"there is no engine '{name}'", name=name, suggestion=did_you_mean(name, ENGINES)
-        )
-    return ENGINES[name](kb)
+`program` sorts a knowledge base's rules into strata, `plan` and `matching` find the substitutions
+of one body in `tables` of facts, `support` reduces bodies that are trees. `compiled` is the
+default, `batched` evaluates many scenes that `batch` has encoded, `pyreason` is the slow reference.
+May import sfol's ground and `knowledge_base`.
+"""

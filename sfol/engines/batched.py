@@ -12,7 +12,7 @@ from typing import Any
 
 from sfol import arrays
 from sfol.arrays import Array, Backend
-from sfol.batch import Batch, Groundings, Stratum
+from sfol.engines.batch import Batch, Groundings, Stratum
 from sfol.knowledge_base import Semantics
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
+from sfol.engines.matching import Search
+from sfol.engines.plan import Plan
+from sfol.engines.program import Program
+from sfol.engines.tables import Constants, Tables
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.matching import Search
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
-from sfol.plan import Plan
-from sfol.program import Program
 from sfol.syntax import Atom
-from sfol.tables import Constants, Tables
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from sfol.engines.compiled import CompiledEngine, Conclusions
+from sfol.engines.plan import Plan
+from sfol.engines.program import Program
+from sfol.engines.tables import Constants, Tables
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.operators import DISJUNCTIONS, negation
-from sfol.plan import Plan
-from sfol.program import Program
 from sfol.syntax import Atom, Guard, is_variable, variables
-from sfol.tables import Constants, Tables
 
 _NOT = "not."
 _IS = "is."

@@ -5,9 +5,8 @@ from functools import cache
 from hypothesis import HealthCheck, Phase, given, settings
 
 from sfol import Facts
-from sfol.checking import check
-from sfol.knowledge_base import KnowledgeBaseFile
-from sfol.strategies import scenes
+from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
+from sfol.testing.strategies import scenes
 
 PREDICATES = ("P(X)", "Q(X)", "V(X)", "R(X, Y)", "S(X, Y)", "T(X, Y)")
 
@@ -23,7 +22,7 @@ def program(*rules, background=(), **semantics):
         "semantics": semantics,
         "terms": {"nothing": {"weight": 1, "formula": "0"}},
     }
-    return check(KnowledgeBaseFile.model_validate(content))
+    return KnowledgeBase.of(KnowledgeBaseFile.model_validate(content))
 
 
 @cache

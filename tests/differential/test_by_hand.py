@@ -3,8 +3,8 @@
 import pytest
 
 from sfol import Atom, Facts, KnowledgeBase
-from sfol.engines import CompiledEngine
-from sfol.testing import naive_conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.testing.naive import naive_conclusions
 from tests.differential.programs import program
 
 

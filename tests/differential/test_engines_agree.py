@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given, settings
 
 from sfol import Facts, KnowledgeBase
-from sfol.engines import CompiledEngine
-from sfol.laws import assert_same
-from sfol.loading import bundled_names
-from sfol.strategies import facts_for, scenes
-from sfol.testing import naive_conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.knowledge_base.loading import bundled_names
+from sfol.testing.laws import assert_same
+from sfol.testing.naive import naive_conclusions
+from sfol.testing.strategies import facts_for, scenes
 
 LEAST_SHARE = 0.6  # of the drawn programs, PyReason grounds all rules of this many itself
 

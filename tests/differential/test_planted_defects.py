@@ -9,15 +9,15 @@ from dataclasses import replace
 
 import pytest
 
-from sfol import matching, program
-from sfol.engines import CompiledEngine, compiled
+from sfol.engines import compiled, matching, program
 from sfol.engines import pyreason as translation
+from sfol.engines.compiled import CompiledEngine
+from sfol.engines.matching import Criterion
+from sfol.engines.tables import Tables
 from sfol.facts import TRUE
-from sfol.laws import assert_same
-from sfol.matching import Criterion
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
-from sfol.tables import Tables
-from sfol.testing import naive_conclusions
+from sfol.testing.laws import assert_same
+from sfol.testing.naive import naive_conclusions
 from tests.differential.programs import SMALL, drawn_scenes
 
 SCENES = (*SMALL, *drawn_scenes(60))

@@ -11,10 +11,10 @@ import networkx
 import pytest
 
 from sfol import Atom, Facts, KnowledgeBase, RewardFunction
-from sfol.engines import CompiledEngine
+from sfol.engines.compiled import CompiledEngine
 from sfol.errors import FactError, KnowledgeBaseError, MissingExtraError, UsageError
-from sfol.laws import assert_same
 from sfol.operators import CONJUNCTIONS
+from sfol.testing.laws import assert_same
 from tests.differential.programs import program
 
 SCENE = (

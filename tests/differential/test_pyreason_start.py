@@ -2,7 +2,7 @@
 
 import pytest
 
-from sfol.pyreason_start import ready, ready_compared
+from sfol.tools.bench_pyreason import ready, ready_compared
 
 pytest.importorskip("pyreason")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from env.crossing import OccludedCrossing
+from env.street.crossing import OccludedCrossing
 
 
 @pytest.fixture(scope="session")

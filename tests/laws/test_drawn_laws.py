@@ -11,11 +11,10 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from sfol import Bound, Facts, KnowledgeBase, RewardFunction
-from sfol.checking import check
 from sfol.errors import MissingExtraError
 from sfol.knowledge_base import KnowledgeBaseFile
-from sfol.laws import LAWS
-from sfol.strategies import knowledge_base_files, overlays, scenes
+from sfol.testing.laws import LAWS
+from sfol.testing.strategies import knowledge_base_files, overlays, scenes
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
 settings.register_profile("laws", max_examples=25, deadline=None, suppress_health_check=SLOW)
@@ -59,7 +58,7 @@ def test_an_overlay_changes_what_it_names_and_nothing_else(tmp_path_factory, dat
     content = base.model_dump(exclude_defaults=True) | {"version": 1}
     (folder / f"{base.name}.yaml").write_text(yaml.safe_dump(content))
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
-    before, after = check(base).rules, KnowledgeBase.load(folder / "overlay.yaml").rules
+    before, after = KnowledgeBase.of(base).rules, KnowledgeBase.load(folder / "overlay.yaml").rules
     removed = set(overlay["remove"]["rules"])
     assert set(after) == (set(before) - removed) | set(overlay["rules"])
     assert all(str(after[name].clause) == text for name, text in overlay["rules"].items())
@@ -67,15 +66,15 @@ def test_an_overlay_changes_what_it_names_and_nothing_else(tmp_path_factory, dat
 
 
 def test_without_hypothesis_the_error_names_the_extra(monkeypatch):
-    monkeypatch.delitem(sys.modules, "sfol.strategies")
+    monkeypatch.delitem(sys.modules, "sfol.testing.strategies")
     monkeypatch.setitem(sys.modules, "hypothesis", None)
     with pytest.raises(MissingExtraError, match=r"sfol\[testing\]"):
-        importlib.import_module("sfol.strategies")
+        importlib.import_module("sfol.testing.strategies")
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_a_law_has_nothing_against_a_knowledge_base_without_rules(law):
-    kb = check(KnowledgeBaseFile(version=1, name="empty"))
+    kb = KnowledgeBase.of(KnowledgeBaseFile(version=1, name="empty"))
     law(RewardFunction(kb), Facts(), random.Random(0))
 
 

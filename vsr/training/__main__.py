@@ -26,8 +26,9 @@ import sfol
 from sfol.cli import run
 from sfol.errors import UsageError
 from sfol.writing import replacing
-from vsr import autoencoder, unet
 from vsr.grounding import SegmentationGrounding
+from vsr.networks import autoencoder, unet
+from vsr.networks.weights import read_card
 from vsr.segmentation import Frame
 from vsr.training import feature_quality, segmentation_quality
 from vsr.training.autoencoder import AutoencoderTask
@@ -35,12 +36,11 @@ from vsr.training.frames import FrameSet, load_frames
 from vsr.training.loop import Schedule, Task, Training
 from vsr.training.segmenter import SegmenterTask
 from vsr.training.shipping import ship, trained_on
-from vsr.weights import read_card
 
 app = typer.Typer(
     help="""The networks that see: train them on frames, and measure how good they are.
 
-    Frames come from any source that writes them as `python -m env.frames` does.
+    Frames come from any source that writes them as `python -m env.tools.frames` does.
     """,
     no_args_is_help=True,
     rich_markup_mode="markdown",
@@ -197,7 +197,7 @@ def judge_autoencoder(
         raise UsageError(
             f"{data} has no frames that follow each other",
             name=str(data),
-            suggestion="python -m env.frames test --pairs",
+            suggestion="python -m env.tools.frames test --pairs",
         )
     figures = {
         "psnr_db": _redrawn(file, frames.without_successors(), picture),

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-from vsr.inference import arithmetic, default_device, to_input
+from vsr.networks.inference import arithmetic, default_device, to_input
 from vsr.training.augmentation import relight
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, batches

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from vsr.autoencoder import Autoencoder
 from vsr.classes import DYNAMIC_CLASSES
-from vsr.codebook import Codebook
-from vsr.descriptor import SceneDescriptor
 from vsr.entities import Entity, find_entities
 from vsr.grounding import SegmentationGrounding
-from vsr.inference import Runner, default_device, stack_gray, to_gray, to_input
+from vsr.hypervectors.codebook import Codebook
+from vsr.hypervectors.descriptor import SceneDescriptor
+from vsr.networks.autoencoder import Autoencoder
+from vsr.networks.inference import Runner, default_device, stack_gray, to_gray, to_input
 from vsr.segmentation import Frame, SimulatorSegmenter
 from vsr.training.autoencoder import psnr
 from vsr.training.loop import batches

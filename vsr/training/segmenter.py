@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, SemanticClass
-from vsr.inference import arithmetic, default_device, to_input
+from vsr.networks.inference import arithmetic, default_device, to_input
 from vsr.training.augmentation import relight
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, batches

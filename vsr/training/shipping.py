@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from sfol.errors import UsageError
+from vsr.networks.weights import Card, TrainedOn, halved, save_weights
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, Task, Training
-from vsr.weights import Card, TrainedOn, halved, save_weights
 
 _LIBRARIES = ("torch", "torchvision", "segmentation-models-pytorch", "safetensors", "numpy")
 # What rounding to float16 may cost, as a share of the validation score.

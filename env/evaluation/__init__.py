@@ -1,0 +1,4 @@
+"""How well somebody drives: episodes → metrics, results, returns; sweeps; in parallel.
+
+May import all rooms up to `driving`.
+"""

@@ -1,0 +1,216 @@
+"""Results of evaluations as files: written whole or not at all, found again, and read back.
+
+A drive makes ``<driver>/<traffic>-<occlusion>.json``, settings, command, versions and summary, and
+beside it a ``.csv`` with a row per episode and, if asked for, a ``.parquet`` log. ``summary.csv``
+has a row for every drive in the folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from env.evaluation.evaluate import (
+    Drive,
+    DrivenEpisode,
+    EpisodeResult,
+    Settings,
+    Summary,
+    summarize,
+)
+from env.evaluation.statistics import Mean, Share
+from env.evaluation.sweep import ApproachResult
+from sfol.errors import UsageError
+from sfol.knowledge_base import KnowledgeBase
+from sfol.logs import LogWriter
+from sfol.writing import replacing
+
+Content = TypeVar("Content")
+
+_PACKAGES = ("sfol", "numpy", "pybullet", "stable-baselines3", "torch")
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """What a result file holds.
+
+    Attributes:
+        settings: what decides the result.
+        command: makes it again.
+        versions: of the software that made it.
+        summary: what was measured.
+    """
+
+    settings: Settings
+    command: str
+    versions: Mapping[str, str]
+    summary: Summary
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What the file of a sweep holds.
+
+    Attributes:
+        perception: where facts came from.
+        seed: of the street's looks.
+        knowledge_base: its name.
+        knowledge_base_hash: of its content.
+        versions: of the software that made it.
+        approaches: what came of each.
+    """
+
+    perception: str
+    seed: int
+    knowledge_base: str
+    knowledge_base_hash: str
+    versions: Mapping[str, str]
+    approaches: tuple[ApproachResult, ...]
+
+
+class ResultFolder:
+    """A folder of results.
+
+    Args:
+        path: of the folder; it is made when something is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def file(self, drive: Drive, suffix: str = ".json") -> Path:
+        """Return the path of a file of a drive."""
+        street = "-".join(drive.cell) + ("" if drive.hazard else "-no-hazard")
+        return self._path / drive.settings.driver / f"{street}{suffix}"
+
+    def find(self, drive: Drive, *, log: bool = False) -> DriveResult | None:
+        """Return the result of a drive if it is there, made with the very same settings.
+
+        Args:
+            drive: a driver in a cell.
+            log: whether its log has to be there as well.
+        """
+        file = self.file(drive)
+        if not file.exists() or (log and not self.file(drive, ".parquet").exists()):
+            return None
+        result = read_json(file, DriveResult)
+        return result if result.settings == drive.settings else None
+
+    def write(
+        self, drive: Drive, episodes: Iterable[DrivenEpisode], command: str, *, log: bool = False
+    ) -> DriveResult:
+        """Write the files of a drive as its episodes come, the result itself last.
+
+        Args:
+            drive: a driver in a cell.
+            episodes: all of them.
+            command: makes the same result again.
+            log: whether the log is written.
+        """
+        results = (
+            _logged(episodes, self.file(drive, ".parquet"), drive.rules)
+            if log
+            else [episode.result for episode in episodes]
+        )
+        result = DriveResult(drive.settings, command, versions(), summarize(results))
+        write_csv(self.file(drive, ".csv"), [_episode_row(one) for one in results])
+        write_json(self.file(drive), result)
+        self._write_table()
+        return result
+
+    def all(self) -> list[DriveResult]:
+        """Return all results, by driver and cell."""
+        return [read_json(file, DriveResult) for file in sorted(self._path.glob("*/*.json"))]
+
+    def _write_table(self) -> None:
+        write_csv(self._path / "summary.csv", [_summary_row(result) for result in self.all()])
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a dataclass as JSON, whole or not at all; no number is null."""
+    text = TypeAdapter(type(content)).dump_json(content, indent=1)
+    with replacing(path) as part:
+        part.write_bytes(text + b"\n")
+
+
+def read_json(path: Path, kind: type[Content]) -> Content:
+    """Read what `write_json` has written.
+
+    Raises:
+        UsageError: the file holds something else.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    except (ValidationError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise UsageError(
+            f"'{path}' can't be read as a result: {reason}",
+            name=str(path),
+            suggestion="remove it, or name another --output",
+        ) from None
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows with the same names as CSV, whole or not at all; None is an empty field."""
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows({name: _shown(value) for name, value in row.items()} for row in rows)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what results depend on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+
+
+def _logged(
+    episodes: Iterable[DrivenEpisode], path: Path, kb: KnowledgeBase
+) -> list[EpisodeResult]:
+    results = []
+    with LogWriter(path, kb) as log:
+        for episode in episodes:
+            for step in episode.log:
+                log.step(step.facts, time=step.time, **step.signals)
+            log.end_episode(episode.result.ending)
+            results.append(episode.result)
+    return results
+
+
+def _episode_row(result: EpisodeResult) -> dict[str, Any]:
+    row = asdict(result)
+    fluctuation = row.pop("fluctuation")
+    counts = {"heads", "rules"}
+    return {
+        **{name: value for name, value in row.items() if name not in counts},
+        **{f"fluctuation_{weight}": value for weight, value in fluctuation.items()},
+    }
+
+
+def _summary_row(result: DriveResult) -> dict[str, Any]:
+    summary = result.summary
+    row: dict[str, Any] = asdict(result.settings)
+    for field in fields(summary):
+        value = getattr(summary, field.name)
+        if isinstance(value, Share):
+            row |= {f"{field.name}{end}": x for end, x in _share_columns(value).items()}
+        elif isinstance(value, Mean):
+            row |= {field.name: value.mean, f"{field.name}_episodes": value.episodes}
+        elif isinstance(value, int):
+            row[field.name] = value
+    # What is by weight, head, rule or ending stands in the result itself.
+    return row
+
+
+def _share_columns(share: Share) -> dict[str, float | None]:
+    return {"": share.share, "_low": share.low, "_high": share.high}
+
+
+def _shown(value: Any) -> Any:
+    return f"{value:.6g}" if isinstance(value, float) else value

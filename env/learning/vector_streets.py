@@ -1,0 +1,123 @@
+"""A setup's streets as PPO drives them: many at once, each in its own process, and scaled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecMonitor,
+)
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+import sfol
+from env.driving.setup import Setup
+from env.learning.curriculum import StreetsInTurn
+from env.street.observation import STATE_FIELDS, Observer, PrivilegedObserver, observer_of
+from env.world.camera import DashCameraParameters
+from env.world.cells import Cell
+
+Array = npt.NDArray[np.float32]
+
+
+def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
+    """Return a setup's streets, with its observations and rewards, each in its own process.
+
+    The processes draw, perceive and describe for themselves, so that all processors are busy all
+    the time; what they return is small.
+
+    Args:
+        setup: gives rules, perception, observation, fusion and the number of streets.
+        cells: to draw from.
+        seed: of the first street; the others follow.
+        count: how many streets; the setup's number by default.
+    """
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
+    number = count or setup.streets
+    streets: VecEnv = (
+        DummyVecEnv([make])
+        if number == 1
+        else SubprocVecEnv([partial(_in_one_thread, make)] * number, start_method="spawn")
+    )
+    if setup.frames > 1:
+        streets = VecFrameStack(streets, setup.frames)
+    # Monitored before they are scaled: returns are told as the rules give them.
+    streets = ScaledStreets(
+        VecMonitor(streets),
+        observations=_scales(setup, cast(spaces.Box, streets.observation_space)),
+        rewards=setup.learning.reward_scale,
+    )
+    streets.seed(seed)
+    return streets
+
+
+def _scales(setup: Setup, space: spaces.Box) -> Array:
+    """Return the factor on each number of an observation; the critic's are at most 1 already."""
+    scales = np.full(space.shape, setup.learning.observation_scale, np.float32)
+    if setup.privileged:
+        scales.reshape(setup.frames, -1)[:, -len(STATE_FIELDS) :] = 1.0
+    return scales
+
+
+def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
+    """Return what one process drives on."""
+    observer: Observer = observer_of(
+        setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
+    )
+    if setup.privileged:
+        observer = PrivilegedObserver(observer)
+    return StreetsInTurn(
+        cells,
+        rules=sfol.KnowledgeBase.load(*setup.rules),
+        perception=setup.perception,
+        observation=observer,
+    )
+
+
+def _in_one_thread(make: Callable[[], Any]) -> Any:
+    """Make a worker's streets; there is a worker for each processor already."""
+    torch.set_num_threads(1)
+    return make()
+
+
+class ScaledStreets(VecEnvWrapper):
+    """Streets whose observations and rewards are multiplied by factors.
+
+    The value function has to reach the size of the returns, and from about 1 that takes many
+    updates if they are 50; and units of tanh learn slowly from inputs that saturate them.
+
+    Args:
+        streets: without scales.
+        observations: factors on them, float32 (N,), or one on all; `PolicyFile.write` puts the
+            policy's into its first layer.
+        rewards: factor on them.
+    """
+
+    def __init__(self, streets: VecEnv, *, observations: Array | float, rewards: float) -> None:
+        space = cast(spaces.Box, streets.observation_space)
+        scaled = spaces.Box(observations * space.low, observations * space.high, dtype=np.float32)
+        super().__init__(streets, observation_space=scaled)
+        self._observations = np.asarray(observations, np.float32)
+        self._rewards = rewards
+
+    def reset(self) -> VecEnvObs:
+        """Start an episode in every street, and return scaled observations."""
+        return self._observations * cast(Array, self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Return what the streets return, with scaled observations and rewards."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        for i in np.flatnonzero(dones):
+            infos[i]["terminal_observation"] *= self._observations
+        scaled = self._observations * cast(Array, observations)
+        return scaled, self._rewards * rewards, dones, infos

@@ -1,0 +1,4 @@
+"""What is seen: camera image or world state → entities, facts and descriptor vectors.
+
+May import `world`.
+"""

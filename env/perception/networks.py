@@ -1,0 +1,95 @@
+"""The trained networks of the street: where their weights are, and whether they fit its camera."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
+from sfol.errors import MissingExtraError, UsageError
+from vsr.grounding import Camera
+
+try:
+    from vsr.networks.autoencoder import FeatureEncoder
+    from vsr.networks.inference import Precision
+    from vsr.networks.unet import UNetSegmenter
+    from vsr.networks.weights import read_card
+except ImportError as error:
+    raise MissingExtraError(
+        f"the street's networks need {error.name}",
+        name=error.name,
+        suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
+    ) from error
+
+RENDERER = "pybullet TinyRenderer"  # of the dash camera's frames
+
+
+def load_segmenter(
+    folder: Path | None = None,
+    *,
+    camera: Camera | None = None,
+    renderer: str = RENDERER,
+    precision: Precision = "auto",
+) -> UNetSegmenter:
+    """Return the trained UNet; the streets of one process share it.
+
+    Args:
+        folder: where the weights are; else the environment variable ``AEB_WEIGHTS`` says it, else
+            they are looked for in ``env/weights`` of a checkout.
+        camera: the lens of the frames to come, checked against that of the training frames.
+        renderer: what draws the frames to come, checked likewise.
+        precision: arithmetic; ``auto`` takes the fastest that the hardware has.
+
+    Raises:
+        UsageError: there are no weights, they can't be read, or they are for other frames.
+    """
+    file = _weights("segmenter", folder, camera, renderer)
+    return _segmenter(file, file.stat().st_mtime_ns, precision)
+
+
+def load_autoencoder(
+    folder: Path | None = None,
+    *,
+    camera: Camera | None = None,
+    renderer: str = RENDERER,
+    precision: Precision = "auto",
+) -> FeatureEncoder:
+    """Return the encoder of the trained autoencoder; see `load_segmenter`."""
+    file = _weights("autoencoder", folder, camera, renderer)
+    return FeatureEncoder.load(file, precision)
+
+
+@lru_cache(maxsize=1)
+def _segmenter(file: Path, modified: int, precision: Precision) -> UNetSegmenter:
+    del modified  # a file that has changed since is another one
+    return UNetSegmenter.load(file, precision)
+
+
+def _weights(network: str, folder: Path | None, camera: Camera | None, renderer: str) -> Path:
+    file = (folder or weights_folder()) / f"{network}.safetensors"
+    if not file.is_file():
+        raise UsageError(
+            f"there are no weights '{file}'",
+            name=str(file),
+            suggestion=(
+                f"they come with a checkout; {FOLDER_VARIABLE} names another folder; "
+                f"python -m vsr.training {network} --help says how to train them"
+            ),
+        )
+    trained_on = read_card(file).trained_on
+    if trained_on.renderer != renderer:
+        raise UsageError(
+            f"the {network} knows frames of {trained_on.renderer}, not of {renderer}",
+            name=renderer,
+            suggestion=f"render with {trained_on.renderer}, or train with frames of {renderer}",
+        )
+    for name, value in (camera.model_dump() if camera else {}).items():
+        known = trained_on.camera[name]
+        if value != known:
+            raise UsageError(
+                f"the {network} knows frames of a camera with {name} {known:g}, not {value:g}",
+                name=name,
+                suggestion="train it with frames of the other camera: "
+                "python -m env.tools.frames --help",
+            )
+    return file

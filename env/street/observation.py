@@ -1,0 +1,208 @@
+"""What a policy is given of the street: one observer for each kind of observation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from env.world.actors import RUNNING_PACE
+
+if TYPE_CHECKING:
+    from env.perception.description import Describer
+    from env.street.crossing import OccludedCrossing
+    from vsr.hypervectors.codebook import Codebook
+
+Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
+ObservationKind = Literal["image", "state", "vsr", "frame"]
+
+_NEAREST = 10  # people in the state
+_REACH = 60.0  # m ahead of ego at which the state's distances end
+_ASIDE = 12.0  # m beside ego at which they end; the street is narrower
+# What ego's top speed is beside a VSR vector. One number among 2048, most of them around 3, would
+# hardly be learnt from if it were not larger.
+_SPEED_SCALE = 20.0
+
+STATE_FIELDS = (
+    "speed",
+    "force",
+    "goal",
+    "crosswalk",
+    "gap",
+    *(f"person{n}_{part}" for n in range(1, _NEAREST + 1) for part in ("x", "y", "vx", "vy")),
+)
+
+
+class Observer(Protocol):
+    """Turns the present state of the street into an observation."""
+
+    @property
+    def space(self) -> spaces.Space[Any]:
+        """What it returns lies in this space."""
+        ...
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return what the policy is given now."""
+        ...
+
+
+class ImageObserver:
+    """The frame of the dash camera, uint8 (224, 224, 1)."""
+
+    def __init__(self, side: int) -> None:
+        self.space = spaces.Box(0, 255, (side, side, 1), np.uint8)
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return the frame; this is where it is rendered if nobody needed it before."""
+        return street.frame.gray[..., None]
+
+
+class StateObserver:
+    """The world's own state, seen or hidden, float32 (45,) in [-1, 1]; `STATE_FIELDS` names it.
+
+    ``speed`` is ego's, as a share of the top speed; ``force`` the acceleration of the actuators, as
+    a share of the brake's; ``goal`` and ``crosswalk`` how far ahead of the front bumper they are,
+    as shares of 100 m and of 60 m; ``gap`` how far the nearest of those who are or will be in the
+    way is, the reward's d, as a share of 60 m. Of the ten people nearest to the bumper, those
+    beside or before ego, it has x ahead and y to the left of the bumper, as shares of 60 m and
+    12 m, and their velocity as a share of 6 km/h. Whoever is farther is at the border; where there
+    are no ten, x is 1 and the rest 0.
+    """
+
+    def __init__(self) -> None:
+        self.space = spaces.Box(-1.0, 1.0, (len(STATE_FIELDS),), np.float32)
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return the state."""
+        ego, geometry = street.ego, street.world.geometry
+        state = np.zeros(len(STATE_FIELDS), np.float32)
+        state[0] = ego.speed / ego.parameters.top_speed
+        state[1] = ego.force / ego.parameters.brake
+        state[2] = (geometry.goal - ego.position) / geometry.length
+        state[3] = (geometry.crosswalk[0] - ego.position) / _REACH
+        state[4] = street.gap / _REACH
+        people = state[5:].reshape(_NEAREST, 4)
+        people[:, 0] = 1.0
+        places = street.people.positions - (ego.position, street.corridor.centre)
+        ahead = np.flatnonzero(places[:, 0] >= -ego.parameters.length)
+        nearest = ahead[np.argsort(np.hypot(*places[ahead].T), kind="stable")][:_NEAREST]
+        people[: len(nearest), :2] = places[nearest] / (_REACH, _ASIDE)
+        people[: len(nearest), 2:] = street.people.velocities[nearest] / RUNNING_PACE
+        return np.clip(state, -1.0, 1.0, out=state)
+
+
+class VsrObserver:
+    """The VSR vector of the scene, float32 (2048,): SSI and SF of what moves, fused and weighted.
+
+    One observer serves all streets that have the same rules and camera.
+
+    Args:
+        fusion: of SSI and SF.
+        codebook: the symbols; a trained policy needs those that it was trained with.
+        speed: whether ego's speed comes after the vector, from 0 to 20 at its top speed.
+
+    Source: paper, section "Vector Semantic Representation".
+    """
+
+    def __init__(
+        self, fusion: str = "add", codebook: Codebook | None = None, *, speed: bool = False
+    ) -> None:
+        # torch takes seconds and 0.5 GB, which workers that only render should not pay.
+        from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
+        from vsr.hypervectors.fusion import Fusion, Method  # noqa: PLC0415
+
+        dimension = codebook.dimension if codebook else DIMENSION
+        self.space = spaces.Box(-np.inf, np.inf, (dimension + speed,), np.float32)
+        self._fusion = Fusion(cast(Method, fusion))
+        self._codebook = codebook
+        self._speed = speed
+        self._describer: Describer | None = None
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return the vector; this is where the networks are loaded if nobody needed them before."""
+        if self._describer is None:
+            self._describer = self._make_describer(street)
+        (vector,) = self._describer([street.frame], [street.scene])
+        if not self._speed:
+            return vector
+        share = street.ego.speed / street.ego.parameters.top_speed
+        return np.append(vector, np.float32(_SPEED_SCALE * share))
+
+    def _make_describer(self, street: OccludedCrossing) -> Describer:
+        from env.perception.description import Describer  # noqa: PLC0415
+        from env.perception.networks import load_autoencoder  # noqa: PLC0415
+
+        camera = street.pipeline.grounding.camera
+        encoder = load_autoencoder(camera=camera) if self._fusion.uses_features else None
+        return Describer(street.pipeline, self._fusion, encoder, self._codebook)
+
+
+class PrivilegedObserver:
+    """An observer's vector and, after it, the world's state, for the value function in training.
+
+    Args:
+        observer: gives a vector.
+    """
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer, self._state = observer, StateObserver()
+        first, then = cast(spaces.Box, observer.space), self._state.space
+        low, high = np.append(first.low, then.low), np.append(first.high, then.high)
+        self.space = spaces.Box(low, high, dtype=np.float32)
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return both."""
+        return np.append(cast(Any, self._observer(street)), cast(Any, self._state(street)))
+
+
+class FrameObserver:
+    """The frame with all that the renderer knows of it, for those who perceive elsewhere.
+
+    ``gray``, uint8 (224, 224, 1); ``classes``, uint8 (224, 224); ``instances``, int32 (224, 224);
+    see `vsr.segmentation.Frame`.
+    """
+
+    def __init__(self, side: int) -> None:
+        integers = np.iinfo(np.int32)
+        self.space = spaces.Dict(
+            {
+                "gray": spaces.Box(0, 255, (side, side, 1), np.uint8),
+                "classes": spaces.Box(0, 255, (side, side), np.uint8),
+                "instances": spaces.Box(integers.min, integers.max, (side, side), np.int32),
+            }
+        )
+
+    def __call__(self, street: OccludedCrossing) -> Observation:
+        """Return the frame; this is where it is rendered if nobody needed it before."""
+        frame = street.frame
+        gray = frame.gray[..., None]
+        return {"gray": gray, "classes": frame.classes, "instances": frame.instances}
+
+
+def observer_of(
+    kind: ObservationKind,
+    side: int,
+    fusion: str = "add",
+    codebook: Codebook | None = None,
+    *,
+    speed: bool = False,
+) -> Observer:
+    """Return the observer of a kind.
+
+    Args:
+        kind: ``image``, ``state``, ``vsr`` or ``frame``.
+        side: width and height of the camera's frames, in px.
+        fusion: of SSI and SF, for ``vsr``, as are the others; see `VsrObserver`.
+        codebook: the symbols.
+        speed: whether ego's speed comes after the vector.
+    """
+    observers: dict[ObservationKind, Callable[[], Observer]] = {
+        "image": lambda: ImageObserver(side),
+        "state": StateObserver,
+        "vsr": lambda: VsrObserver(fusion, codebook, speed=speed),
+        "frame": lambda: FrameObserver(side),
+    }
+    return observers[kind]()

@@ -1,0 +1,155 @@
+"""Speed of every stage from camera to reward, in one run, so that ratios mean something."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+import numpy as np
+import torch
+
+from env.driving.drivers import Cautious
+from env.driving.setup import load_setup
+from env.learning.vector_streets import make_streets
+from env.street.crossing import OccludedCrossing
+from env.world.cells import Cell, Traffic
+from sfol.tools.bench import median
+from vsr.entities import class_map, find_entities
+from vsr.facts import scene_facts
+from vsr.hypervectors.codebook import Codebook
+from vsr.hypervectors.descriptor import SceneDescriptor
+from vsr.segmentation import SimulatorSegmenter
+
+_BRAKE = np.array([-1.0], np.float32)
+_STRETCH = 100  # steps that are timed together, so that an episode's reset has its share
+_FRAMES = 20  # the same, where every step is seen and described
+
+_WORKER = """
+import resource
+import numpy as np
+from env.street.crossing import OccludedCrossing
+street = OccludedCrossing(traffic="high", occlusion="full")
+for seed in range(3):
+    street.reset(seed=seed)
+    for _ in range(10):
+        street.step(np.array([0.5], np.float32))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def measure() -> dict[str, Any]:
+    """Return the median cost of every stage on a busy street, before the crosswalk.
+
+    Returns:
+        Times in ms; the ratio of a whole step to a bare frame of TinyRenderer; steps a second with
+        truth and state, random actions, resets included; the memory of one worker in MB; steps a
+        second of the main setup's training without its updates, by where its facts come from.
+    """
+    street = OccludedCrossing(traffic="high", occlusion="full")
+    try:
+        _drive_to(street, position=25.0)
+        stages = _stages(street)
+    finally:
+        street.close()
+    return {
+        **stages,
+        "truth_steps_per_second_low": _steps_per_second("low"),
+        "truth_steps_per_second_high": _steps_per_second("high"),
+        "worker_mb": _worker_memory(),
+        "training_steps_per_second_simulator": _training_pace("simulator"),
+        "training_steps_per_second_unet": _training_pace("unet"),
+    }
+
+
+def _training_pace(perception: str) -> float:
+    """Return how many steps a second all streets of the main setup drive, random actions.
+
+    That is all of a training but for policy and updates.
+    """
+    setup = load_setup("add").model_copy(update={"perception": perception})
+    streets = make_streets(setup, [Cell("medium", "full")], seed=0)
+    rng = np.random.default_rng(0)
+    streets.reset()
+
+    def drive() -> None:
+        for pedals in rng.uniform(-0.3, 1.0, (_FRAMES, setup.streets, 1)).astype(np.float32):
+            streets.step(pedals)
+
+    try:
+        return round(_FRAMES * setup.streets / median(drive), 1)
+    finally:
+        streets.close()
+
+
+def _steps_per_second(traffic: Traffic) -> int:
+    """Return the pace of perception ``truth`` and observation ``state``, resets included."""
+    street = OccludedCrossing(
+        traffic=traffic, occlusion="full", perception="truth", observation="state"
+    )
+    seeds, rng = count(), np.random.default_rng(0)
+    street.reset(seed=next(seeds))
+
+    def drive() -> None:
+        for pedal in rng.uniform(-0.7, 1.0, (_STRETCH, 1)).astype(np.float32):
+            *_, terminated, truncated, _ = street.step(pedal)
+            if terminated or truncated:
+                street.reset(seed=next(seeds))
+
+    try:
+        return round(_STRETCH / median(drive))
+    finally:
+        street.close()
+
+
+def _worker_memory() -> int:
+    """Return the most memory that a process with one busy street has had, in MB."""
+    command = [sys.executable, "-c", _WORKER]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return round(float(done.stdout))
+
+
+def _drive_to(street: OccludedCrossing, position: float) -> None:
+    driver = Cautious()
+    street.reset(seed=0)
+    while street.ego.position < position:
+        street.step(np.array([driver(street)], np.float32))
+
+
+def _stages(street: OccludedCrossing) -> dict[str, Any]:
+    frame, position = street.frame, street.ego.position
+    grounding = street.pipeline.grounding
+    segmenter = SimulatorSegmenter()
+    (probabilities,) = segmenter([frame])
+    classes = class_map(probabilities)
+    entities = find_entities(probabilities, grounding.minimum_area, classes)
+    facts = scene_facts(entities, classes, grounding, street.pipeline.reward.facts())
+    descriptor = SceneDescriptor(Codebook(), grounding)
+    signals = {"v": 6.0, "v_next": 5.5, "d": 9.0}
+
+    def perceive() -> None:
+        seen = class_map(probabilities)
+        found = find_entities(probabilities, grounding.minimum_area, seen)
+        scene_facts(found, seen, grounding, street.pipeline.reward.facts())
+
+    def describe() -> None:
+        with torch.inference_mode():
+            descriptor.ssi(entities, classes)
+
+    stages: dict[str, Callable[[], object]] = {
+        "bare_frame_ms": lambda: street.camera.render(position),
+        "camera_ms": lambda: street.camera.capture(position),
+        "segmenter_ms": lambda: segmenter([frame]),
+        "entities_and_facts_ms": perceive,
+        "reward_ms": lambda: street.pipeline.reward.evaluate(facts, **signals),
+        "descriptor_ssi_ms": describe,
+        "step_ms": lambda: street.step(_BRAKE),  # a car that stands can go on for 60 s
+    }
+    times = {name: round(1e3 * median(stage), 2) for name, stage in stages.items()}
+    return {
+        "entities_in_view": len(entities),
+        **times,
+        "step_over_bare_frame": round(times["step_ms"] / times["bare_frame_ms"], 2),
+    }

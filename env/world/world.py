@@ -1,0 +1,642 @@
+"""The street as bodies of a pybullet client: it draws pictures and answers whether ego touches."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numpy.random import Generator
+from PIL import Image
+
+from env.world import meshes, textures
+from env.world.meshes import Figure, Mesh, VehicleSize
+from sfol.errors import MissingExtraError, UsageError
+from vsr.classes import SemanticClass
+
+try:
+    import pybullet
+except ImportError as error:
+    raise MissingExtraError(
+        "the bundled street needs pybullet",
+        name="pybullet",
+        suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
+    ) from error
+
+Array = npt.NDArray[np.float64]
+Occlusion = Literal["partial", "full", "cpnco"]
+
+PERSON_RADIUS = 0.3  # m, of the upright cylinder that contact is asked of
+_PARKING_GAP = 1.0  # m between parked vehicles
+_OUT_OF_SIGHT = (-60.0, 0.0, -40.0)
+_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+# What can be worn is the same in every process; a seed chooses from it.
+_WARDROBE_SEED = 20250
+
+
+@dataclass(frozen=True)
+class StreetGeometry:
+    """Where everything is, in m: x along the street from ego's start, y to the left, z up.
+
+    The middle of the carriageway is y = 0; traffic keeps to the right, so ego's lane is at
+    negative y, and the near side is ego's right.
+
+    Attributes:
+        length: of the street that is driven and walked.
+        crosswalk: x of the near and the far edge of the crosswalk.
+        goal: x that ego's front has to pass.
+        lane_width: width of each of the two lanes.
+        strip_width: width of the parking strip between ego's lane and the near kerb.
+        sidewalk_width: width of each sidewalk.
+        kerb_height: height of the sidewalks above the road.
+        parked_gap: from the parked vehicle's front to the crosswalk's near edge.
+        start: x where what can be seen begins.
+        end: x where what can be seen ends.
+    """
+
+    length: float = 100.0
+    crosswalk: tuple[float, float] = (60.0, 64.0)
+    goal: float = 90.0
+    lane_width: float = 3.5
+    strip_width: float = 2.3
+    sidewalk_width: float = 3.4
+    kerb_height: float = 0.12
+    parked_gap: float = 1.2
+    start: float = -30.0
+    end: float = 230.0
+
+    @property
+    def ego_lane(self) -> float:
+        """The y of the middle of ego's lane, in m."""
+        return -self.lane_width / 2
+
+    @property
+    def near_kerb(self) -> float:
+        """The y of the kerb on ego's side, in m."""
+        return -self.lane_width - self.strip_width
+
+    @property
+    def far_kerb(self) -> float:
+        """The y of the kerb on the other side, in m."""
+        return self.lane_width
+
+    @property
+    def near_wall(self) -> float:
+        """The y where the sidewalk on ego's side ends at the houses, in m."""
+        return self.near_kerb - self.sidewalk_width
+
+    @property
+    def far_wall(self) -> float:
+        """The y where the other sidewalk ends at the houses, in m."""
+        return self.far_kerb + self.sidewalk_width
+
+    def on_sidewalk(self, y: Array) -> npt.NDArray[np.bool_]:
+        """Tell for each y whether it lies beyond a kerb."""
+        return (y < self.near_kerb) | (y > self.far_kerb)
+
+
+@dataclass(frozen=True)
+class Light:
+    """Sun and sky of an episode.
+
+    Attributes:
+        direction: unit vector towards the sun.
+        ambient: share of a colour that shows in the shade.
+        diffuse: what full sun adds to it.
+        sky: grey values of the sky at the zenith and at the horizon.
+    """
+
+    direction: tuple[float, float, float] = (-0.5, 0.3, 0.8)
+    ambient: float = 0.6
+    diffuse: float = 0.4
+    sky: tuple[float, float] = (170.0, 225.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What the renderer returns.
+
+    Attributes:
+        rgb: uint8 (H, W, 3).
+        bodies: int32 (H, W), the body at each pixel, -1 for the sky.
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    bodies: npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class ParkedVehicle:
+    """A vehicle that stands, facing along the street.
+
+    Attributes:
+        kind: VEHICLE, a car, or TRUCK, a box truck.
+        size: its outer measures.
+        place: x and y of its middle, in m.
+    """
+
+    kind: SemanticClass
+    size: VehicleSize
+    place: tuple[float, float]
+
+
+class _Model(NamedTuple):
+    """A make of vehicle: a car with a boot of this share of its length, or a box truck."""
+
+    size: VehicleSize
+    boot: float | None = None
+
+    @property
+    def kind(self) -> SemanticClass:
+        return SemanticClass.TRUCK if self.boot is None else SemanticClass.VEHICLE
+
+    @property
+    def mesh(self) -> Mesh:
+        return (
+            meshes.box_truck(self.size) if self.boot is None else meshes.car(self.size, self.boot)
+        )
+
+
+_CARS = (
+    _Model(VehicleSize(4.25, 1.78, 1.46), 0.03),
+    _Model(VehicleSize(4.60, 1.82, 1.42), 0.14),
+    _Model(VehicleSize(4.05, 1.74, 1.50), 0.02),
+)
+_TRUCKS = (
+    _Model(VehicleSize(6.0, 2.05, 2.75)),
+    _Model(VehicleSize(6.6, 2.1, 2.95)),
+    _Model(VehicleSize(5.6, 2.0, 2.6)),
+)
+_CHILD = Figure(height=1.15)  # Euro NCAP's child is as tall as one of seven
+
+
+class World:
+    """The bodies of the street. Everything is built once; `dress` changes it for an episode.
+
+    pybullet keeps the memory of meshes even when their bodies are removed, until the client is
+    closed, so a street that was built anew for every episode would grow without end.
+
+    Args:
+        people: how many pedestrians there are.
+        occlusion: what is parked before the crosswalk: ``partial``, a car; ``full``, a box truck;
+            ``cpnco``, the stage of Euro NCAP's test of that name: a car, behind it a box truck, and
+            the first of the people is a child.
+        ego: outer measures of ego.
+        geometry: the street.
+
+    Attributes:
+        light: of the episode.
+        heights: float (N,), of the people, in m.
+        parked: the vehicles that stand in the street.
+        posts: float (M, 3), x, y and radius of tree trunks, lamps and sign posts, in m.
+        classes: uint8, the semantic class of each body and, at index -1, of the sky.
+    """
+
+    def __init__(
+        self,
+        people: int,
+        occlusion: Occlusion,
+        ego: VehicleSize,
+        geometry: StreetGeometry | None = None,
+    ) -> None:
+        self.geometry = geometry or StreetGeometry()
+        self.light = Light()
+        self._ego_size = ego
+        self._client: int | None = _connect()
+        self._kinds: list[SemanticClass] = []
+        rng = np.random.default_rng(_WARDROBE_SEED)
+        with tempfile.TemporaryDirectory(prefix="street-") as folder:
+            self._textures = self._load_textures(rng, Path(folder), truck=occlusion == "full")
+        self._build_ground()
+        self._build_houses(rng)
+        self._build_furniture(rng)
+        self._parked = self._build_vehicles(occlusion)
+        figures = [_figure(rng) for _ in range(people)]
+        if occlusion == "cpnco":
+            figures[0] = _CHILD
+        self.heights = np.array([figure.height for figure in figures])
+        self._people = [self._build_person(figure) for figure in figures]
+        self._ego = self._build_ego(ego)
+        self.hide_ego()
+        # Sky has no body: the last entry is what index -1 finds.
+        self.classes = np.array([*self._kinds, SemanticClass.SKY], np.uint8)
+
+    def dress(self, rng: Generator) -> None:
+        """Give the street a new look: light, surfaces, houses, trees, vehicle, clothes."""
+        self.light = _draw_light(rng)
+        for part, texture in self._surfaces:
+            self._wear(part, texture, int(rng.integers(len(self._textures[texture]))))
+        self._arrange_houses(rng)
+        self._arrange_furniture(rng)
+        self._park(rng)
+        for person in self._people:
+            choice = int(rng.integers(len(self._textures["outfit"])))
+            for link in range(-1, 4):
+                self._wear(person, "outfit", choice, link)
+
+    def place_people(self, positions: Array, headings: Array, phases: Array, paces: Array) -> None:
+        """Move the people and their limbs.
+
+        Args:
+            positions: float (N, 2), x and y in m.
+            headings: float (N,), in rad from the x axis.
+            phases: float (N,), in rad; one stride of both legs is 2π.
+            paces: float (N,), speeds in m/s, which give the length of the step.
+        """
+        client, ground = self._client, self.geometry
+        swings = leg_swings(phases, paces)
+        sunk = meshes.HIP_HEIGHT * (1.0 - np.cos(swings))
+        heights = np.where(ground.on_sidewalk(positions[:, 1]), ground.kerb_height, 0.0) - sunk
+        rows = zip(
+            self._people,
+            np.column_stack([positions, heights]).tolist(),
+            (0.5 * headings).tolist(),
+            swings.tolist(),
+            strict=True,
+        )
+        for person, place, half_turn, swing in rows:
+            turn = (0.0, 0.0, np.sin(half_turn), np.cos(half_turn))
+            pybullet.resetBasePositionAndOrientation(person, place, turn, physicsClientId=client)
+            limbs = [[swing], [-swing], [-0.8 * swing], [0.8 * swing]]
+            pybullet.resetJointStatesMultiDof(person, range(4), limbs, physicsClientId=client)
+
+    def touches(self, front: float, people: Sequence[int], positions: Array) -> bool:
+        """Tell whether ego touches one of these people, as pybullet's closest points have it.
+
+        Args:
+            front: x of ego's front bumper, in m.
+            people: their indices.
+            positions: float (len(people), 2), where they are, in m.
+        """
+        self.show_ego(front)
+        try:
+            return any(map(self._touches_ego, people, positions.tolist()))
+        finally:
+            self.hide_ego()
+
+    def _touches_ego(self, index: int, position: Sequence[float]) -> bool:
+        person = self._people[index]
+        self._put(person, (*position, 0.0))
+        points = pybullet.getClosestPoints(self._ego, person, 0.0, physicsClientId=self._client)
+        return bool(points)
+
+    def show_ego(self, front: float) -> None:
+        """Put ego's body where ego is."""
+        self._put(self._ego, (front - self._ego_size.length / 2, self.geometry.ego_lane, 0.0))
+
+    def hide_ego(self) -> None:
+        """Take ego's body out of the way of the dash camera."""
+        self._put(self._ego, _OUT_OF_SIGHT)
+
+    def render(
+        self,
+        view: Sequence[float],
+        projection: Sequence[float],
+        size: tuple[int, int],
+        renderer: int = pybullet.ER_TINY_RENDERER,
+    ) -> Picture:
+        """Draw the street.
+
+        Args:
+            view: pybullet's view matrix.
+            projection: pybullet's projection matrix.
+            size: width and height, in px.
+            renderer: pybullet's number of a renderer.
+        """
+        width, height, rgba, _, bodies = pybullet.getCameraImage(
+            *size,
+            view,
+            projection,
+            renderer=renderer,
+            shadow=0,
+            lightDirection=self.light.direction,
+            lightColor=(1.0, 1.0, 1.0),
+            lightAmbientCoeff=self.light.ambient,
+            lightDiffuseCoeff=self.light.diffuse,
+            lightSpecularCoeff=0.0,
+            physicsClientId=self._client,
+        )
+        rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3]
+        return Picture(rgb, np.asarray(bodies, np.int32).reshape(height, width))
+
+    def close(self) -> None:
+        """Disconnect from pybullet; a second call does nothing."""
+        if self._client is not None:
+            pybullet.disconnect(physicsClientId=self._client)
+            self._client = None
+
+    # Building
+
+    def _load_textures(self, rng: Generator, folder: Path, truck: bool) -> dict[str, list[int]]:
+        street = self.geometry
+        across = street.far_kerb - street.near_kerb
+        pictures = {
+            "outfit": [textures.outfit(rng) for _ in range(48)],
+            "paintwork": [textures.paintwork(rng, truck) for _ in range(16)],
+            "furniture": [textures.furniture(rng) for _ in range(4)],
+            "facade": [textures.facade(rng) for _ in range(16)],
+            "asphalt": [
+                textures.asphalt(rng, across, -street.near_kerb, street.strip_width)
+                for _ in range(4)
+            ],
+            "zebra": [textures.zebra(rng) for _ in range(3)],
+            "paving": [textures.paving(rng) for _ in range(4)],
+            "kerbstone": [textures.kerbstone(rng)],
+            "grass": [textures.grass(rng)],
+            "sign": [textures.crosswalk_sign()],
+        }
+        return {
+            name: [
+                self._load(folder / f"{name}{number}.png", picture)
+                for number, picture in enumerate(choices)
+            ]
+            for name, choices in pictures.items()
+        }
+
+    def _load(self, file: Path, picture: textures.Picture) -> int:
+        # The renderer counts rows from below.
+        Image.fromarray(picture[::-1]).save(file)
+        return int(pybullet.loadTexture(str(file), physicsClientId=self._client))
+
+    def _build_ground(self) -> None:
+        street = self.geometry
+        near, far = street.near_kerb, street.far_kerb
+        before, after = street.crosswalk
+        lengths = _pieces(street.start, before) + _pieces(after, street.end)
+        # The crosswalk fills a gap of the road: one surface above the other would flicker.
+        zebra = meshes.slab((before, near), (after, far), 0.0, (1.0, 1.0))
+        road, slabs, stones = [], [], []
+        for x0, x1 in lengths:
+            road.append(meshes.slab((x0, near), (x1, far), 0.0, (6.0, far - near)))
+        for x0, x1 in _pieces(street.start, street.end):
+            for kerb, wall in ((near, street.near_wall), (far, street.far_wall)):
+                pavement, stone = self._sidewalk(x0, x1, kerb, wall)
+                slabs.append(pavement)
+                stones.append(stone)
+        lawn = meshes.slab((street.end, -60.0), (street.end + 40.0, 60.0), 0.0, (4.0, 4.0))
+        self._surfaces = [
+            (self._body(meshes.merge(*road), SemanticClass.ROAD), "asphalt"),
+            (self._body(zebra, SemanticClass.CROSSWALK), "zebra"),
+            (self._body(meshes.merge(*slabs), SemanticClass.SIDEWALK), "paving"),
+            (self._body(meshes.merge(*stones), SemanticClass.SIDEWALK), "kerbstone"),
+            (self._body(lawn, SemanticClass.TERRAIN), "grass"),
+        ]
+
+    def _sidewalk(self, x0: float, x1: float, kerb: float, wall: float) -> tuple[Mesh, Mesh]:
+        """Return pavement and kerbstones between x0 and x1."""
+        top, side = self.geometry.kerb_height, np.sign(wall)
+        edge = kerb + side * 0.2
+        low, high = sorted((edge, wall + side))
+        pavement = meshes.slab((x0, low), (x1, high), top, (2.0, 2.0))
+        low, high = sorted((kerb, edge))
+        stone = meshes.slab((x0, low), (x1, high), top, (2.0, 0.2))
+        first, last = (x0, x1) if side > 0 else (x1, x0)
+        face = meshes.panel((first, kerb, 0.0), (last, kerb, top), (0.0, 0.0, (x1 - x0) / 2, 0.5))
+        return pavement, meshes.merge(stone, face)
+
+    def _build_houses(self, rng: Generator) -> None:
+        street = self.geometry
+        self._houses: list[list[tuple[int, float]]] = []
+        for _ in range(2):
+            widths = rng.uniform(10.0, 14.0, 22)
+            widths *= (street.end - street.start) / widths.sum()
+            floors = rng.permutation(np.resize([2, 3, 4, 3], len(widths)))
+            self._houses.append(
+                [
+                    (self._body(_house(width, int(count)), SemanticClass.BUILDING), float(width))
+                    for width, count in zip(widths, floors, strict=True)
+                ]
+            )
+        # A house across the end of the street, so that the view ends in something.
+        self._last_house = self._body(_house(40.0, 4, 3.0), SemanticClass.BUILDING)
+        self._put(self._last_house, (street.end + 25.0, 20.0, 0.0), -0.5 * np.pi)
+
+    def _build_furniture(self, rng: Generator) -> None:
+        self._trees = [
+            self._body(meshes.tree(float(rng.uniform(5.0, 7.0))), SemanticClass.VEGETATION)
+            for _ in range(14)
+        ]
+        self._lamps = [self._body(meshes.lamp(), SemanticClass.POLE) for _ in range(6)]
+        posts = [self._body(meshes.sign_post(), SemanticClass.POLE) for _ in range(2)]
+        plates = []
+        street = self.geometry
+        places = (
+            (street.crosswalk[0] - 0.2, street.far_kerb + 0.5),
+            (street.crosswalk[1] + 0.4, street.near_kerb - 0.5),
+        )
+        for (x, y), post in zip(places, posts, strict=True):
+            self._put(post, (x, y, 0.0))
+            plate = meshes.panel((x - 0.06, y + 0.4, 2.2), (x - 0.06, y - 0.4, 3.0))
+            plates.append(self._body(plate, SemanticClass.TRAFFIC_SIGN))
+            self._wear(plates[-1], "sign", 0)
+        self._posts = posts
+        self._signs = places
+
+    def _build_vehicles(self, occlusion: Occlusion) -> list[list[tuple[int, _Model]]]:
+        """Return what may park in each place, the place at the crosswalk first."""
+        places = {"partial": [_CARS], "full": [_TRUCKS], "cpnco": [_CARS, _TRUCKS]}[occlusion]
+        return [[(self._body(model.mesh, model.kind), model) for model in some] for some in places]
+
+    def _build_person(self, figure: Figure) -> int:
+        leg, arm = meshes.leg(figure), meshes.arm(figure)
+        limbs = [self._shape(limb) for limb in (leg, leg, arm, arm)]
+        hull = pybullet.createCollisionShape(
+            pybullet.GEOM_CYLINDER,
+            radius=PERSON_RADIUS,
+            height=figure.height,
+            collisionFramePosition=(0.0, 0.0, figure.height / 2),
+            physicsClientId=self._client,
+        )
+        return self._body(
+            meshes.trunk(figure),
+            SemanticClass.PEDESTRIAN,
+            baseCollisionShapeIndex=hull,
+            linkMasses=[0.0] * 4,
+            linkCollisionShapeIndices=[-1] * 4,
+            linkVisualShapeIndices=limbs,
+            linkPositions=meshes.limb_joints(figure),
+            linkOrientations=[_UPRIGHT] * 4,
+            linkInertialFramePositions=[(0.0, 0.0, 0.0)] * 4,
+            linkInertialFrameOrientations=[_UPRIGHT] * 4,
+            linkParentIndices=[0] * 4,
+            linkJointTypes=[pybullet.JOINT_REVOLUTE] * 4,
+            linkJointAxis=[(0.0, 1.0, 0.0)] * 4,
+        )
+
+    def _build_ego(self, size: VehicleSize) -> int:
+        hull = pybullet.createCollisionShape(
+            pybullet.GEOM_BOX,
+            halfExtents=(size.length / 2, size.width / 2, size.height / 2),
+            collisionFramePosition=(0.0, 0.0, size.height / 2),
+            physicsClientId=self._client,
+        )
+        body = self._body(
+            meshes.car(size, 0.05), SemanticClass.VEHICLE, baseCollisionShapeIndex=hull
+        )
+        self._wear(body, "paintwork", 0)
+        return body
+
+    def _body(self, mesh: Mesh, kind: SemanticClass, **parts: Any) -> int:
+        self._kinds.append(kind)
+        return int(
+            pybullet.createMultiBody(
+                baseMass=0.0,
+                baseVisualShapeIndex=self._shape(mesh),
+                physicsClientId=self._client,
+                **parts,
+            )
+        )
+
+    def _shape(self, mesh: Mesh) -> int:
+        return int(
+            pybullet.createVisualShape(
+                pybullet.GEOM_MESH, **mesh.shape(), physicsClientId=self._client
+            )
+        )
+
+    # Dressing
+
+    def _wear(self, body: int, texture: str, choice: int, link: int = -1) -> None:
+        pybullet.changeVisualShape(
+            body,
+            link,
+            textureUniqueId=self._textures[texture][choice],
+            rgbaColor=(1.0, 1.0, 1.0, 1.0),
+            physicsClientId=self._client,
+        )
+
+    def _put(self, body: int, place: Sequence[float], yaw: float = 0.0) -> None:
+        turn = (0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
+        pybullet.resetBasePositionAndOrientation(body, place, turn, physicsClientId=self._client)
+
+    def _arrange_houses(self, rng: Generator) -> None:
+        street = self.geometry
+        for row, wall, yaw in zip(
+            self._houses, (street.near_wall, street.far_wall), (np.pi, 0.0), strict=True
+        ):
+            x = street.start
+            for index in rng.permutation(len(row)):
+                house, width = row[index]
+                # A house's origin is its left end as seen from the street.
+                left = x + width if yaw else x
+                self._put(house, (left, wall, 0.0), yaw)
+                self._wear(house, "facade", int(rng.integers(len(self._textures["facade"]))))
+                x += width
+        self._wear(self._last_house, "facade", int(rng.integers(len(self._textures["facade"]))))
+
+    def _arrange_furniture(self, rng: Generator) -> None:
+        street = self.geometry
+        clear_of_crosswalk = [8.0, 20.0, 32.0, 44.0, 78.0, 92.0, 110.0]
+        spots = [(x, street.near_kerb - 0.5) for x in clear_of_crosswalk]
+        spots += [(x + 5.0, street.far_kerb + 0.5) for x in clear_of_crosswalk]
+        leaves = int(rng.integers(len(self._textures["furniture"])))
+        posts = [(x, y, 0.04) for x, y in self._signs]
+        for tree, (x, y) in zip(self._trees, spots, strict=True):
+            place = (x + rng.uniform(-2.5, 2.5), y, 0.0)
+            self._put(tree, place, rng.uniform(0.0, 6.28))
+            self._wear(tree, "furniture", leaves)
+            posts.append((*place[:2], 0.14))
+        first = rng.uniform(0.0, 8.0)
+        for number, pole in enumerate(self._lamps):
+            place = (first + 26.0 * number, street.far_kerb + 0.35, 0.0)
+            self._put(pole, place, np.pi)
+            self._wear(pole, "furniture", leaves)
+            posts.append((*place[:2], 0.08))
+        self.posts = np.array(posts)
+        for post in self._posts:
+            self._wear(post, "furniture", leaves)
+
+    def _park(self, rng: Generator) -> None:
+        street = self.geometry
+        front = street.crosswalk[0] - street.parked_gap
+        middle = street.near_kerb + 0.5 * street.strip_width
+        self.parked = []
+        for choices in self._parked:
+            chosen = int(rng.integers(len(choices)))
+            for body, _ in choices:
+                self._put(body, _OUT_OF_SIGHT)
+            body, model = choices[chosen]
+            place = (front - model.size.length / 2, middle)
+            self._put(body, (*place, 0.0))
+            self._wear(body, "paintwork", int(rng.integers(len(self._textures["paintwork"]))))
+            self.parked.append(ParkedVehicle(model.kind, model.size, place))
+            front -= model.size.length + _PARKING_GAP
+
+
+def _connect() -> int:
+    """Return a new physics client, which renders too."""
+    try:
+        client = int(pybullet.connect(pybullet.DIRECT))
+    except pybullet.error as error:
+        raise _no_client(str(error)) from error
+    if client < 0:
+        raise _no_client("it gave no reason")
+    return client
+
+
+def _no_client(reason: str) -> UsageError:
+    return UsageError(
+        f"pybullet's renderer does not start: {reason}",
+        name="pybullet",
+        suggestion="close streets that are no longer driven; a process may have some 1000 of them",
+    )
+
+
+def leg_swings(phases: Array, paces: Array) -> Array:
+    """Return by how much walkers' left legs are swung back, the right ones forward, in rad.
+
+    Args:
+        phases: float (N,), in rad; one stride of both legs is 2π.
+        paces: float (N,), speeds in m/s.
+    """
+    return np.minimum(0.3 * paces, 0.5) * np.sin(phases)
+
+
+def _pieces(start: float, end: float) -> list[tuple[float, float]]:
+    """Cut a length into pieces: the renderer visits the whole box around a triangle."""
+    cuts = np.linspace(start, end, max(round((end - start) / 6.0), 1) + 1)
+    return list(zip(cuts.tolist(), cuts[1:].tolist(), strict=False))
+
+
+def _figure(rng: Generator) -> Figure:
+    return Figure(
+        height=float(rng.uniform(1.55, 1.88)),
+        breadth=float(rng.uniform(0.92, 1.12)),
+        skirt=bool(rng.random() < 0.2),
+        backpack=bool(rng.random() < 0.25),
+        long_hair=bool(rng.random() < 0.4),
+    )
+
+
+def _house(width: float, floors: int, repeats: float = 1.0) -> Mesh:
+    """Return a house that shows towards -y, its front's lower left corner in the origin."""
+    height, depth, hidden = 3.2 * floors, 5.0, 5.8
+    top = 1.0 - floors / textures.FACADE_FLOORS
+    plain = (0.01, 0.01, 0.02, 0.02)
+    return meshes.merge(
+        meshes.panel((0.0, 0.0, 0.0), (width, 0.0, height), (0.0, top, repeats, 0.999)),
+        # Below the lowest neighbour's roof the side walls cannot be seen.
+        meshes.panel((width, 0.0, hidden), (width, depth, height), plain),
+        meshes.panel((0.0, depth, hidden), (0.0, 0.0, height), plain),
+    )
+
+
+def _draw_light(rng: Generator) -> Light:
+    azimuth, elevation = rng.uniform(-np.pi, np.pi), rng.uniform(0.7, 1.2)
+    ambient = rng.uniform(0.62, 0.74)
+    zenith = rng.uniform(150.0, 195.0)
+    level = np.cos(elevation)
+    return Light(
+        direction=(
+            float(level * np.cos(azimuth)),
+            float(level * np.sin(azimuth)),
+            float(np.sin(elevation)),
+        ),
+        ambient=float(ambient),
+        diffuse=float(rng.uniform(1.08, 1.25) - ambient),
+        sky=(float(zenith), float(min(zenith + 55.0, 245.0))),
+    )

@@ -1,0 +1,114 @@
+"""KnowledgeBase → Program: what an engine runs.
+
+Rules are sorted into the order in which their heads can be concluded, each with the plan of its
+body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from graphlib import TopologicalSorter
+
+from sfol.engines.matching import Criterion, rule_criterion
+from sfol.engines.plan import Plan
+from sfol.errors import FactError, did_you_mean
+from sfol.facts import Facts
+from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.parts import dependencies
+from sfol.syntax import is_variable
+
+
+@dataclass(frozen=True)
+class Program:
+    """A knowledge base made ready to run.
+
+    Attributes:
+        knowledge_base: what it was made from.
+        strata: heads in an order in which each depends on earlier ones only.
+        rules: head → its rules with their plans, in the order of the file.
+        subject_heads: the unary heads, whose atoms of the subject make the reward.
+        read_heads: heads that some body or condition reads, for whichever entity.
+        arities: predicate → its number of arguments.
+    """
+
+    knowledge_base: KnowledgeBase
+    strata: tuple[str, ...]
+    rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
+    subject_heads: tuple[str, ...]
+    read_heads: frozenset[str]
+    arities: Mapping[str, int]
+
+    @classmethod
+    def of(cls, kb: KnowledgeBase) -> Program:
+        """Make the program of a knowledge base."""
+        rules = list(kb.rules.values())
+        heads = kb.heads
+        order = TopologicalSorter(dependencies(rules)).static_order()
+        bodies = [rule.clause.body for rule in rules] + [c.when for c in kb.entity_weights]
+        read = {literal.atom.predicate for body in bodies for literal in body.literals}
+        return cls(
+            knowledge_base=kb,
+            strata=tuple(name for name in order if name in heads),
+            rules={
+                head: tuple(
+                    (rule, Plan.of(rule.clause.body, rule_criterion(rule)))
+                    for rule in rules
+                    if rule.clause.head.predicate == head
+                )
+                for head in heads
+            },
+            subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
+            read_heads=frozenset(read.intersection(heads)),
+            arities={name: predicate.arity for name, predicate in kb.predicates.items()},
+        )
+
+    def check(self, facts: Facts) -> None:
+        """Make sure that facts fit the knowledge base.
+
+        Raises:
+            FactError: a predicate or a number of constants is not that of the knowledge base.
+        """
+        for predicate in facts.predicates():
+            given = len(next(iter(facts.relation(predicate))))
+            if self.arities.get(predicate) != given:
+                raise _unfit(predicate, given, self.arities)
+
+    def plans(
+        self, head: str, subject: str, criterion: Criterion | None = None
+    ) -> Iterator[tuple[Rule, Plan, tuple[str, ...]]]:
+        """Yield how to conclude a head: for the subject alone where nothing else is needed.
+
+        Args:
+            head: the predicate.
+            subject: the entity whose heads make the reward.
+            criterion: when literals hold; each rule's own by default.
+
+        Yields:
+            A rule, its plan, and the values that the plan is given.
+        """
+        for rule, _ in self.rules[head]:
+            holds = criterion or rule_criterion(rule)
+            body, term = rule.clause.body, rule.clause.head.arguments[0]
+            if not self.for_subject_alone(head):
+                yield rule, Plan.of(body, holds), ()
+            elif is_variable(term):
+                yield rule, Plan.of(body, holds, given=[term]), (subject,)
+            elif term == subject:
+                yield rule, Plan.of(body, holds), ()
+
+    def for_subject_alone(self, head: str) -> bool:
+        """Tell whether the reward needs a head of the subject only: no body reads it."""
+        return head in self.subject_heads and head not in self.read_heads
+
+
+def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:
+    if predicate not in arities:
+        return FactError(
+            f"facts name the unknown predicate '{predicate}'",
+            name=predicate,
+            suggestion=did_you_mean(predicate, arities),
+        )
+    return FactError(
+        f"facts give '{predicate}' {given} constants; it has {arities[predicate]}", name=predicate
+    )

@@ -1,0 +1,42 @@
+"""A knowledge base: a file that people edit, and the checked whole made from it.
+
+`format` is what a user may write, `loading` reads files and what they extend, `checking` finds what
+is wrong, `model` is what the rest of sfol works with; `printing`, `formatting` and `schema` turn it
+back into text. May import sfol's ground (errors, syntax, facts, formula, operators, writing) and
+nothing above. Others import the names below from here, and functions from their modules.
+"""
+
+from sfol.knowledge_base.format import (
+    FORMAT_VERSION,
+    Case,
+    EntityWeight,
+    Expectation,
+    Grounding,
+    KnowledgeBaseFile,
+    RuleEntry,
+    Semantics,
+    Signal,
+    Term,
+    Weight,
+)
+from sfol.knowledge_base.model import KnowledgeBase
+from sfol.knowledge_base.parts import EntityCondition, Predicate, RewardTerm, Rule
+
+__all__ = [
+    "FORMAT_VERSION",
+    "Case",
+    "EntityCondition",
+    "EntityWeight",
+    "Expectation",
+    "Grounding",
+    "KnowledgeBase",
+    "KnowledgeBaseFile",
+    "Predicate",
+    "RewardTerm",
+    "Rule",
+    "RuleEntry",
+    "Semantics",
+    "Signal",
+    "Term",
+    "Weight",
+]

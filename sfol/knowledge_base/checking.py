@@ -1,0 +1,400 @@
+"""From the models of a file to a checked knowledge base: every name must mean something.
+
+All errors are collected, so that one run shows everything that is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
+from typing import TypeVar
+
+from sfol.errors import (
+    ClauseError,
+    InvalidKnowledgeBase,
+    KnowledgeBaseError,
+    Place,
+    SfolError,
+    did_you_mean,
+)
+from sfol.facts import Bound, Facts
+from sfol.formula import Formula
+from sfol.knowledge_base.format import (
+    Case,
+    EntityWeight,
+    KnowledgeBaseFile,
+    RuleEntry,
+    Term,
+)
+from sfol.knowledge_base.parts import (
+    EntityCondition,
+    Parts,
+    Predicate,
+    RewardTerm,
+    Rule,
+    dependencies,
+)
+from sfol.syntax import (
+    Atom,
+    Body,
+    is_name,
+    is_variable,
+    parse_clause,
+    parse_condition,
+    parse_ground_atom,
+    parse_signature,
+    variables,
+)
+
+# Where a part of the knowledge base stands: a path of keys, and an offset in the text there.
+PlaceOf = Callable[[tuple[str | int, ...], int], Place | None]
+_Parsed = TypeVar("_Parsed")
+
+
+def check(
+    file: KnowledgeBaseFile,
+    *,
+    place_of: PlaceOf = lambda path, offset: None,
+    files: tuple[str, ...] = (),
+    removed_heads: Iterable[str] = (),
+) -> Parts:
+    """Return the parts of the knowledge base that a file describes.
+
+    Args:
+        file: the merged content of all files of a chain.
+        place_of: where a path of keys stands, for error messages.
+        files: the files that it was made from.
+        removed_heads: heads that lost all their rules to an overlay; weights may name them.
+
+    Raises:
+        InvalidKnowledgeBase: with every error found.
+    """
+    return _Checker(file, place_of, frozenset(removed_heads)).parts(files)
+
+
+class _Checker:
+    """Collects errors while it parses a file part by part."""
+
+    def __init__(
+        self, file: KnowledgeBaseFile, place_of: PlaceOf, removed_heads: frozenset[str]
+    ) -> None:
+        self._file = file
+        self._place_of = place_of
+        self._removed_heads = removed_heads
+        self._errors: list[SfolError] = []
+
+    def parts(self, files: tuple[str, ...]) -> Parts:
+        file = self._file
+        self._check_subject()
+        declared = self._predicates()
+        rules = self._rules()
+        predicates = self._with_heads(declared, rules)
+        conditions = self._entity_conditions()
+        background = self._background(predicates)
+        for name, rule in rules.items():
+            self._check_rule(name, rule, predicates)
+        for index, condition in conditions.items():
+            self._check_condition(index, condition, predicates)
+        self._check_heads_are_used(declared, rules, conditions.values())
+        self._check_cycles(rules)
+        self._check_semantics()
+        self._check_weights(rules)
+        terms = self._terms()
+        for index, case in enumerate(file.tests):
+            self._check_case(index, case, predicates)
+        if self._errors:
+            raise InvalidKnowledgeBase(self._errors)
+        return Parts(
+            name=file.name,
+            description=file.description,
+            subject=file.subject,
+            background=background,
+            predicates=predicates,
+            rules=rules,
+            semantics=file.semantics,
+            signals=file.signals,
+            weights=file.weights,
+            terms=terms,
+            entity_weights=tuple(conditions.values()),
+            grounding=file.grounding,
+            tests=tuple(file.tests),
+            files=files,
+        )
+
+    # -- parsing ------------------------------------------------------------------------------
+
+    def _check_subject(self) -> None:
+        subject = self._file.subject
+        if not is_name(subject) or is_variable(subject):
+            self._report(
+                ("subject",), f"the subject '{subject}' is not a constant", subject,
+                "a constant begins with a lower-case letter",
+            )  # fmt: skip
+
+    def _predicates(self) -> dict[str, Predicate]:
+        found: dict[str, Predicate] = {}
+        for key, description in self._file.predicates.items():
+            path = ("predicates", key)
+            signature = self._parsed(path, parse_signature, key)
+            if signature is None:
+                continue
+            name, parameters = signature
+            if name in found:
+                self._report(path, f"the predicate '{name}' is declared twice", name)
+            found[name] = Predicate(name, parameters, description)
+        return found
+
+    def _rules(self) -> dict[str, Rule]:
+        return {
+            name: rule
+            for name, entry in self._file.rules.items()
+            if (rule := self._rule(name, entry)) is not None
+        }
+
+    def _rule(self, name: str, entry: RuleEntry) -> Rule | None:
+        clause = self._parsed(("rules", name, "rule"), parse_clause, entry.rule)
+        if clause is None:
+            return None
+        return Rule(name, clause, entry.description, entry.threshold, entry.negation_threshold)
+
+    def _entity_conditions(self) -> dict[int, EntityCondition]:
+        parsed = {
+            index: self._entity_condition(index, entry)
+            for index, entry in enumerate(self._file.entity_weights)
+        }
+        return {index: condition for index, condition in parsed.items() if condition is not None}
+
+    def _entity_condition(self, index: int, entry: EntityWeight) -> EntityCondition | None:
+        body = self._parsed(("entity_weights", index, "when"), parse_condition, entry.when)
+        return None if body is None else EntityCondition(body, entry.weight, entry.at_least)
+
+    def _background(self, predicates: Mapping[str, Predicate]) -> tuple[Atom, ...]:
+        atoms = []
+        for index, text in enumerate(self._file.background):
+            path = ("background", index)
+            atom = self._parsed(path, parse_ground_atom, text)
+            if atom is not None:
+                self._check_atom(path, atom, predicates, offset=0)
+                atoms.append(atom)
+        return tuple(atoms)
+
+    def _terms(self) -> dict[str, RewardTerm]:
+        return {
+            name: term
+            for name, entry in self._file.terms.items()
+            if (term := self._term(name, entry)) is not None
+        }
+
+    def _term(self, name: str, entry: Term) -> RewardTerm | None:
+        weights, signals = self._file.weights, self._file.signals
+        if isinstance(entry.weight, str) and entry.weight not in weights:
+            self._unknown(("terms", name, "weight"), "weight", entry.weight, weights)
+        for parameter in entry.parameters:
+            if parameter in signals:
+                self._report(
+                    ("terms", name, "parameters", parameter),
+                    f"'{parameter}' is a signal and a parameter of '{name}'",
+                    parameter,
+                    "rename the parameter",
+                )
+        path = ("terms", name, "formula")
+        formula = self._parsed(path, Formula.parse, entry.formula)
+        if formula is None:
+            return None
+        self._parsed(path, formula.check_names, {*signals, *entry.parameters})
+        return RewardTerm(name, entry.weight, formula, entry.parameters, entry.description)
+
+    # -- rules --------------------------------------------------------------------------------
+
+    def _with_heads(
+        self, declared: Mapping[str, Predicate], rules: Mapping[str, Rule]
+    ) -> dict[str, Predicate]:
+        # Written with their first rule's arguments; a second rule with another arity is caught
+        # when its atoms are checked.
+        heads = {
+            rule.clause.head.predicate: Predicate(
+                rule.clause.head.predicate, rule.clause.head.arguments, rule.description
+            )
+            for rule in reversed(list(rules.values()))
+        }
+        return {**declared, **{n: heads[n] for n in reversed(list(heads)) if n not in declared}}
+
+    def _check_rule(self, name: str, rule: Rule, predicates: Mapping[str, Predicate]) -> None:
+        path = ("rules", name, "rule")
+        head, body = rule.clause.head, rule.clause.body
+        self._check_atom(path, head, predicates, offset=0)
+        self._check_body(path, body, predicates, must_bind=variables(*head.arguments))
+
+    def _check_condition(
+        self, index: int, condition: EntityCondition, predicates: Mapping[str, Predicate]
+    ) -> None:
+        path = ("entity_weights", index, "when")
+        self._check_body(path, condition.when, predicates, must_bind=("X",))
+
+    def _check_body(
+        self,
+        path: tuple[str | int, ...],
+        body: Body,
+        predicates: Mapping[str, Predicate],
+        must_bind: tuple[str, ...],
+    ) -> None:
+        offsets = dict(reversed(body.offsets))
+        if not body.literals:
+            self._report(path, "the body has guards and no literal", str(body))
+        for literal in body.literals:
+            offset = offsets.get(literal.atom.predicate, 0)
+            self._check_atom(path, literal.atom, predicates, offset)
+        positive = (literal.atom.arguments for literal in body.literals if not literal.negated)
+        bound = {term for arguments in positive for term in arguments}
+        checked = (
+            *must_bind,
+            *(term for lit in body.literals if lit.negated for term in lit.atom.arguments),
+            *(term for guard in body.guards for term in guard),
+        )
+        for variable in variables(*checked):
+            if variable not in bound:
+                self._report(
+                    path,
+                    f"the variable '{variable}' stands in no positive literal of the body",
+                    variable,
+                    f"add a literal such as Predicate({variable}), or rename the variable",
+                    offset=offsets.get(variable, 0),
+                )
+
+    def _check_atom(
+        self,
+        path: tuple[str | int, ...],
+        atom: Atom,
+        predicates: Mapping[str, Predicate],
+        offset: int,
+    ) -> None:
+        predicate = predicates.get(atom.predicate)
+        if predicate is None:
+            self._unknown(path, "predicate", atom.predicate, predicates, offset)
+        elif predicate.arity != len(atom.arguments):
+            shown = f"{predicate.name}({', '.join(predicate.parameters)})"
+            self._report(
+                path,
+                f"'{atom.predicate}' has {len(atom.arguments)} arguments here",
+                atom.predicate,
+                f"it is declared as {shown}",
+                offset=offset,
+            )
+
+    def _check_heads_are_used(
+        self,
+        declared: Mapping[str, Predicate],
+        rules: Mapping[str, Rule],
+        conditions: Iterable[EntityCondition],
+    ) -> None:
+        """A head that nobody declared and nobody reads is most likely misspelt."""
+        bodies = [rule.clause.body for rule in rules.values()]
+        bodies += [condition.when for condition in conditions]
+        used = {literal.atom.predicate for body in bodies for literal in body.literals}
+        used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
+        for name, rule in rules.items():
+            head = rule.clause.head.predicate
+            if head not in declared and head not in used:
+                self._unknown(("rules", name, "rule"), "predicate", head, {*declared, *used})
+
+    def _check_cycles(self, rules: Mapping[str, Rule]) -> None:
+        try:
+            TopologicalSorter(dependencies(rules.values())).prepare()
+        except CycleError as error:
+            cycle: list[str] = error.args[1]
+            first = next(r for r in rules.values() if r.clause.head.predicate in cycle)
+            self._report(
+                ("rules", first.name, "rule"),
+                f"rules depend on each other in a circle: {' → '.join(cycle)}",
+                first.clause.head.predicate,
+                "a head may be used in other bodies, but not in its own derivation",
+            )
+
+    # -- the rest -----------------------------------------------------------------------------
+
+    def _check_semantics(self) -> None:
+        semantics = self._file.semantics
+        if semantics.groundings == "pooled" and semantics.conjunction != "average":
+            self._report(
+                ("semantics", "groundings"),
+                f"'pooled' is defined for the average, not for '{semantics.conjunction}'",
+                "pooled",
+                "write groundings: best",
+            )
+
+    def _check_weights(self, rules: Mapping[str, Rule]) -> None:
+        arity = {r.clause.head.predicate: len(r.clause.head.arguments) for r in rules.values()}
+        unary = {head for head, count in arity.items() if count == 1} | self._removed_heads
+        for name, weight in self._file.weights.items():
+            for head in weight.coefficients:
+                path = ("weights", name, "coefficients", head)
+                if head not in unary and head in arity:
+                    self._report(path, f"the head '{head}' has two arguments", head,
+                                 "a weight is made of heads with one, the subject")  # fmt: skip
+                elif head not in unary:
+                    self._unknown(path, "head", head, unary)
+
+    def _check_case(self, index: int, case: Case, predicates: Mapping[str, Predicate]) -> None:
+        path: tuple[str | int, ...] = ("tests", index)
+        texts = [case.facts] if isinstance(case.facts, str) else case.facts
+        for number, text in enumerate(texts):
+            where = (*path, "facts", *([] if isinstance(case.facts, str) else [number]))
+            for atom in self._parsed(where, Facts.parse, text) or ():
+                self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
+        expect = case.expect
+        heads = {name for name, predicate in predicates.items() if predicate.arity == 1}
+        known = (
+            ("signals", case.signals, self._file.signals, ("signals",)),
+            ("head", expect.bounds, heads | self._removed_heads, ("expect", "bounds")),
+            ("head", expect.confidences, heads | self._removed_heads, ("expect", "confidences")),
+            ("weight", expect.weights, self._file.weights, ("expect", "weights")),
+            ("term", expect.terms, self._file.terms, ("expect", "terms")),
+        )
+        for what, names, choices, key in known:
+            for name in names:
+                if name not in choices:
+                    self._unknown((*path, *key, name), what.rstrip("s"), name, choices)
+        for head, pair in expect.bounds.items():
+            if pair is not None:
+                self._parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
+
+    # -- reporting ----------------------------------------------------------------------------
+
+    def _parsed(
+        self,
+        path: tuple[str | int, ...],
+        function: Callable[..., _Parsed],
+        *arguments: object,
+    ) -> _Parsed | None:
+        """Call a function; an error of ours is noted with its place, and gives None."""
+        try:
+            return function(*arguments)
+        except SfolError as error:
+            offset = error.offset if isinstance(error, ClauseError) else 0
+            place = self._place_of(path, offset)
+            self._errors.append(error.at(place) if place else error)
+            return None
+
+    def _report(
+        self,
+        path: tuple[str | int, ...],
+        message: str,
+        name: str,
+        suggestion: str | None = None,
+        offset: int = 0,
+    ) -> None:
+        place = self._place_of(path, offset)
+        self._errors.append(
+            KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place)
+        )
+
+    def _unknown(
+        self,
+        path: tuple[str | int, ...],
+        what: str,
+        name: str,
+        known: Iterable[str],
+        offset: int = 0,
+    ) -> None:
+        hint = did_you_mean(name, known)
+        self._report(path, f"unknown {what} '{name}'", name, hint, offset)

@@ -1,0 +1,137 @@
+"""Formats the clauses of a knowledge base file, and touches nothing else in it.
+
+Rules, conditions, facts and predicate signatures are found by their position in the source. In
+these texts the blanks between two tokens of one line are made regular: ``safe( X ):-Near(X,Y) .``
+becomes ``safe(X) :- Near(X, Y).`` Line breaks, indentation and comments stay, as does every byte
+outside.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import yaml
+
+from sfol.knowledge_base.positions import Entry, entries
+
+_PIECE = re.compile(
+    r"(?P<comment>[%#][^\r\n]*)"
+    r"|(?P<blank>[ \t]+)"
+    r"|(?P<break>\s+)"
+    r"|(?P<word>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
+    r"|(?P<mark>:-|!=|.)"
+)
+
+
+class _Piece(NamedTuple):
+    kind: str
+    text: str
+
+
+_EDGE = _Piece("edge", "")
+
+
+class _Edit(NamedTuple):
+    start: int
+    end: int
+    text: str
+
+
+def format_file(text: str) -> str:
+    """Return the text of a knowledge base file with its clauses formatted.
+
+    Args:
+        text: the whole file, which must be valid, with its own line breaks.
+    """
+    # By position, since an alias leads to the same text again.
+    edits = {edit.start: edit for entry in entries(text) for edit in _edits(entry, text)}
+    parts, done = [], 0
+    for start, edit in sorted(edits.items()):
+        parts += [text[done:start], edit.text]
+        done = edit.end
+    return "".join([*parts, text[done:]])
+
+
+def format_clause(text: str) -> str:
+    """Return the text of a rule, a condition or facts with regular blanks.
+
+    Example:
+        >>> format_clause("safe( X ):-Near(X,Y) ,not Far(Y) .")
+        'safe(X) :- Near(X, Y), not Far(Y).'
+    """
+    parts: list[str] = []
+    left, blank = _EDGE, ""
+    for right in (*_pieces(text), _EDGE):
+        if right.kind == "blank":
+            blank = right.text
+            continue
+        parts += [_gap(left, right, blank), right.text]
+        left, blank = right, ""
+    return "".join(parts)
+
+
+def _gap(left: _Piece, right: _Piece, blank: str) -> str:
+    """Return what belongs between two neighbours that have a blank, or none, between them."""
+    if _EDGE in (left, right):
+        return ""
+    if {left.kind, right.kind} & {"break", "comment"}:
+        return blank
+    if left.text in ("(", "[") or right.text in ("(", ")", "]", ",", ".", ":"):
+        return ""
+    words = left.kind == right.kind == "word"
+    spaced = left.text in (",", ":", ".", ":-", "!=") or right.text in (":-", "!=")
+    return " " if words or spaced else ""
+
+
+def _pieces(text: str) -> Iterator[_Piece]:
+    for match in _PIECE.finditer(text):
+        yield _Piece(match.lastgroup or "", match.group())
+
+
+def _tokens(text: str) -> list[_Piece]:
+    return [piece for piece in _pieces(text) if piece.kind not in ("blank", "break")]
+
+
+def _edits(entry: Entry, source: str) -> Iterator[_Edit]:
+    node = _clause(entry)
+    if not isinstance(node, yaml.ScalarNode):
+        return
+    start, end = _inside(node, source)
+    old = source[start:end]
+    # Escapes, anchors and comments in folded lines: the source is not the text that is meant.
+    if _tokens(old) != _tokens(node.value):
+        return
+    new = format_clause(old)
+    if node.style is None and ": " in new and new != old:
+        new = f'"{new}"' if not set(new) & {'"', "\\"} else old
+    if new != old:
+        yield _Edit(start, end, new)
+
+
+def _clause(entry: Entry) -> yaml.Node | None:
+    """Return the node of a value that is a clause, or of a key that is a signature."""
+    match entry.path:
+        case ("predicates", str()):
+            return entry.key
+        case (
+            ("rules", str())
+            | ("rules", str(), "rule")
+            | ("background", int())
+            | ("entity_weights", int(), "when")
+            | ("tests", int(), "facts")
+            | ("tests", int(), "facts", int())
+        ):
+            return entry.value
+    return None
+
+
+def _inside(node: yaml.ScalarNode, source: str) -> tuple[int, int]:
+    """Return where the text of a scalar begins and ends, without its quotes or block mark."""
+    start, end = node.start_mark.index, node.end_mark.index
+    if node.style is None:
+        return start, end
+    if node.style in ("'", '"'):
+        return start + 1, end - 1
+    return start + re.search(r"[\r\n]|\Z", source[start:]).start(), end  # type: ignore[union-attr]

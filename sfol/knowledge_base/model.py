@@ -1,0 +1,172 @@
+"""The checked whole: a knowledge base as the rest of sfol works with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from sfol.errors import KnowledgeBaseError, did_you_mean
+from sfol.facts import Facts
+from sfol.knowledge_base.checking import check
+from sfol.knowledge_base.format import KnowledgeBaseFile
+from sfol.knowledge_base.loading import load
+from sfol.knowledge_base.parts import Parts, Predicate
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class KnowledgeBase(Parts):
+    """A checked knowledge base: every clause parsed, every name known.
+
+    Attributes:
+        name: from the file.
+        description: from the file.
+        subject: the entity whose heads make the reward.
+        background: ground atoms that always hold with [1, 1].
+        predicates: by name; heads that rules introduce are among them.
+        rules: by name, in the order of the file.
+        semantics: the operators.
+        signals: by name.
+        weights: by name.
+        terms: by name; their sum is the reward.
+        entity_weights: in order; the first that holds counts.
+        grounding: numbers for whoever turns observations into facts.
+        tests: cases of the last file; inherited ones do not run for an overlay.
+        files: the files that it was made from, in the order in which they were applied.
+
+    Example:
+        >>> kb = KnowledgeBase.load("aeb")
+        >>> len(kb.rules)
+        9
+    """
+
+    @classmethod
+    def load(
+        cls, *sources: str | Path, sections: Mapping[str, type[BaseModel]] | None = None
+    ) -> KnowledgeBase:
+        """Read one knowledge base, or several applied left to right.
+
+        Args:
+            sources: paths of files (ending in .yaml or .yml), or names of bundled ones such as
+                ``aeb``.
+            sections: models of the sections of `grounding` that are to be checked too.
+
+        Raises:
+            InvalidKnowledgeBase: with every error found, each with file, line and column.
+        """
+        return cls(**vars(load(*sources, sections=sections)))
+
+    @classmethod
+    def of(cls, file: KnowledgeBaseFile) -> KnowledgeBase:
+        """Check a file that extends nothing and stands nowhere on disk.
+
+        Raises:
+            InvalidKnowledgeBase: with every error found.
+        """
+        return cls(**vars(check(file)))
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """The predicates that rules conclude, each once, in the order of the rules."""
+        return tuple(dict.fromkeys(rule.clause.head.predicate for rule in self.rules.values()))
+
+    @property
+    def hash(self) -> str:
+        """A digest of everything that can change a reward or a descriptor, 64 hex digits.
+
+        Names of files, descriptions, tests, and coefficients of heads that no rule concludes are
+        not part of it.
+        """
+        heads = set(self.heads)
+        meaning = {
+            "subject": self.subject,
+            "background": sorted(map(str, self.background)),
+            "rules": {
+                name: [str(rule.clause), rule.threshold, rule.negation_threshold]
+                for name, rule in self.rules.items()
+            },
+            "semantics": [*self.semantics.model_dump().values(), self.semantics.pools],
+            "signals": {name: signal.default for name, signal in self.signals.items()},
+            "weights": {
+                name: [
+                    weight.normalizer,
+                    {head: c for head, c in weight.coefficients.items() if head in heads},
+                ]
+                for name, weight in self.weights.items()
+            },
+            "terms": {
+                name: [term.weight, term.formula.text, dict(term.parameters)]
+                for name, term in self.terms.items()
+            },
+            "entity_weights": [[str(e.when), e.weight, e.at_least] for e in self.entity_weights],
+            "grounding": self.grounding.model_dump(mode="json"),
+        }
+        text = json.dumps(meaning, sort_keys=True, ensure_ascii=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def to_pyreason(self, facts: Facts) -> tuple[Any, list[Any], list[Any]]:
+        """Return the PyReason program of a scene, for those who want to go on from it.
+
+        All conclusions are among the facts, so that one run suffices: each rule then concludes its
+        own bound, under a head of its own such as ``safe3.8(ego)``.
+
+        Args:
+            facts: ground atoms with bounds.
+
+        Returns:
+            A networkx graph of the entities, PyReason rules and PyReason facts. The rules name
+            annotation functions: add each of `sfol.engines.pyreason_runtime.annotation_functions()`
+            and set ``pyreason.settings.allow_ground_rules``.
+
+        Raises:
+            MissingExtraError: PyReason is not installed.
+            FactError: a fact does not fit the knowledge base.
+        """
+        from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415
+
+        return PyReasonEngine(self).to_pyreason(facts)
+
+    def grounding_of(self, section: str, model: type[_Model]) -> _Model:
+        """Return a consumer's section of `grounding`, read by the consumer's own model.
+
+        Args:
+            section: its key, such as ``segmentation``.
+            model: the pydantic model that describes it; a missing section has its defaults.
+
+        Raises:
+            KnowledgeBaseError: the section does not fit the model.
+        """
+        content = (self.grounding.model_extra or {}).get(section, {})
+        try:
+            return model.model_validate(content)
+        except ValueError as error:
+            raise KnowledgeBaseError(
+                f"grounding.{section} of '{self.name}' is not valid: {error}", name=section
+            ) from error
+
+    def predicate(self, name: str) -> Predicate:
+        """Return a declared predicate.
+
+        Raises:
+            KnowledgeBaseError: there is none of this name.
+        """
+        if name not in self.predicates:
+            raise KnowledgeBaseError(
+                f"'{name}' is no predicate of '{self.name}'",
+                name=name,
+                suggestion=did_you_mean(name, self.predicates),
+            )
+        return self.predicates[name]
+
+    def __repr__(self) -> str:
+        return (
+            f"<KnowledgeBase '{self.name}': {len(self.predicates)} predicates, "
+            f"{len(self.rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
+        )

@@ -1,0 +1,109 @@
+"""The parsed parts of a knowledge base: predicates, rules, terms, conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from sfol.formula import Formula
+from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Weight
+from sfol.syntax import Atom, Body, Clause
+
+
+@dataclass(frozen=True)
+class Predicate:
+    """A declared predicate.
+
+    Attributes:
+        name: such as ``CenterOf``.
+        parameters: one or two variables, such as ``("X", "Y")``.
+        description: what an atom of it says; empty for heads that only rules introduce.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    description: str = ""
+
+    @property
+    def arity(self) -> int:
+        """The number of arguments, 1 or 2."""
+        return len(self.parameters)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A named rule of a knowledge base.
+
+    Attributes:
+        name: unique in the knowledge base; several rules may share a head.
+        clause: head and body.
+        description: what it says.
+        threshold: least lower bound of a positive literal.
+        negation_threshold: least lower bound, 1 − u, of a negated literal.
+    """
+
+    name: str
+    clause: Clause
+    description: str = ""
+    threshold: float = 0.0
+    negation_threshold: float = 0.5
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.clause}"
+
+
+@dataclass(frozen=True)
+class RewardTerm:
+    """A term with its formula parsed.
+
+    Attributes:
+        name: unique in the knowledge base.
+        weight: the name of a weight, or a constant.
+        formula: of signals and parameters.
+        parameters: name → number.
+        description: what it rewards or punishes.
+    """
+
+    name: str
+    weight: str | float
+    formula: Formula
+    parameters: Mapping[str, float]
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class EntityCondition:
+    """An entity weight with its condition parsed; the entity is the variable X."""
+
+    when: Body
+    weight: float
+    at_least: float = 0.5
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Everything that a checked knowledge base consists of; `KnowledgeBase` says what each is."""
+
+    name: str
+    description: str
+    subject: str
+    background: tuple[Atom, ...]
+    predicates: Mapping[str, Predicate]
+    rules: Mapping[str, Rule]
+    semantics: Semantics
+    signals: Mapping[str, Signal]
+    weights: Mapping[str, Weight]
+    terms: Mapping[str, RewardTerm]
+    entity_weights: tuple[EntityCondition, ...] = ()
+    grounding: Grounding = field(default_factory=Grounding)
+    tests: tuple[Case, ...] = ()
+    files: tuple[str, ...] = ()
+
+
+def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
+    """Return for every head the predicates that its rules' bodies read."""
+    graph: dict[str, set[str]] = {}
+    for rule in rules:
+        body = {literal.atom.predicate for literal in rule.clause.body.literals}
+        graph.setdefault(rule.clause.head.predicate, set()).update(body)
+    return graph

@@ -1,0 +1,235 @@
+"""Knowledge bases as text: as a file that can be loaded again, and as tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+
+from sfol.knowledge_base.format import FORMAT_VERSION, Case
+from sfol.knowledge_base.model import KnowledgeBase
+from sfol.knowledge_base.parts import Rule
+from sfol.knowledge_base.vocabulary import declared
+
+_HEAD = ("version", "name", "description", "subject", "background")
+_WIDTH = 100
+_SMALL = 72
+
+
+def to_yaml(kb: KnowledgeBase) -> str:
+    """Return a knowledge base as one file that extends nothing; loading it gives the same hash.
+
+    A weight may name a head whose rules were all removed. One file alone can't say that: such a
+    coefficient, which only ever added 0, is left out, and the hash is then another one.
+
+    Args:
+        kb: loaded, or built and changed as objects.
+    """
+    sections = {name: content for name, content in _file(kb).items() if content not in ({}, [], "")}
+    first = {key: sections.pop(key) for key in _HEAD if key in sections}
+    parts = (first, *({name: _block(content)} for name, content in sections.items()))
+    return "\n".join(map(_dump, parts))
+
+
+def _file(kb: KnowledgeBase) -> dict[str, Any]:
+    return {
+        "version": FORMAT_VERSION,
+        "name": kb.name,
+        "description": kb.description,
+        "subject": kb.subject,
+        "background": [str(atom) for atom in kb.background],
+        "predicates": {
+            f"{p.name}({', '.join(p.parameters)})": p.description for p in declared(kb).values()
+        },
+        "rules": {name: _rule(rule) for name, rule in kb.rules.items()},
+        "semantics": kb.semantics.model_dump(exclude_none=True),
+        "signals": {name: _said(signal) for name, signal in kb.signals.items()},
+        "weights": {
+            name: {**_said(weight), "coefficients": _with_rules(kb, weight.coefficients)}
+            for name, weight in kb.weights.items()
+        },
+        "terms": {
+            term.name: _without_defaults(
+                {
+                    "weight": term.weight,
+                    "formula": term.formula.text,
+                    "parameters": dict(term.parameters),
+                    "description": term.description,
+                },
+                {"parameters": {}, "description": ""},
+            )
+            for term in kb.terms.values()
+        },
+        "entity_weights": [
+            _without_defaults(
+                {"when": str(e.when), "weight": e.weight, "at_least": e.at_least}, {"at_least": 0.5}
+            )
+            for e in kb.entity_weights
+        ],
+        "grounding": kb.grounding.model_dump(),
+        "tests": [_case(kb, case) for case in kb.tests],
+    }
+
+
+def _rule(rule: Rule) -> str | dict[str, Any]:
+    entry = _without_defaults(
+        {
+            "rule": str(rule.clause),
+            "description": rule.description,
+            "threshold": rule.threshold,
+            "negation_threshold": rule.negation_threshold,
+        },
+        {"description": "", "threshold": 0.0, "negation_threshold": 0.5},
+    )
+    return entry if len(entry) > 1 else str(rule.clause)
+
+
+def _case(kb: KnowledgeBase, case: Case) -> dict[str, Any]:
+    said = _said(case)
+    expect = said["expect"]
+    for part in ("bounds", "confidences"):
+        if part in expect:
+            expect[part] = {h: v for h, v in expect[part].items() if h in kb.predicates}
+    return said
+
+
+def _with_rules(kb: KnowledgeBase, coefficients: Mapping[str, float]) -> dict[str, float]:
+    return {head: number for head, number in coefficients.items() if head in kb.heads}
+
+
+def _said(model: BaseModel) -> dict[str, Any]:
+    return model.model_dump(exclude_defaults=True)
+
+
+def _without_defaults(entry: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entry.items() if defaults.get(key, ...) != value}
+
+
+class _Block(dict[str, Any]):
+    """A mapping with a line for each entry, however small it is."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes small collections in one line, and texts of several lines as blocks."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        super().increase_indent(flow, indentless=False)
+
+    def mapping(self, data: Mapping[str, Any]) -> yaml.MappingNode:
+        node = self.represent_mapping("tag:yaml.org,2002:map", data)
+        node.flow_style = not isinstance(data, _Block) and _is_small(node)
+        return node
+
+    def sequence(self, data: Iterable[Any]) -> yaml.SequenceNode:
+        node = self.represent_sequence("tag:yaml.org,2002:seq", data)
+        node.flow_style = _is_small(node)
+        return node
+
+    def text(self, data: str) -> yaml.ScalarNode:
+        style = None if "\n" not in data else "|" if "\n" in data[:-1] else ">"
+        return self.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+
+
+_Dumper.add_representer(dict, _Dumper.mapping)
+_Dumper.add_representer(_Block, _Dumper.mapping)
+_Dumper.add_representer(list, _Dumper.sequence)
+_Dumper.add_representer(tuple, _Dumper.sequence)
+_Dumper.add_representer(str, _Dumper.text)
+
+
+def _is_small(node: yaml.CollectionNode) -> bool:
+    """Tell whether a collection reads well in one line."""
+    parts = _parts(node)
+    long = any(
+        getattr(part, "flow_style", None) is False or getattr(part, "style", None) in ("|", ">")
+        for part in parts
+    )
+    return not long and _length(node) <= _SMALL
+
+
+def _parts(node: yaml.CollectionNode) -> list[Any]:
+    """Return the nodes of keys and values; PyYAML has no common type for what they have."""
+    if isinstance(node, yaml.MappingNode):
+        return [part for entry in node.value for part in entry]
+    return list(node.value)
+
+
+def _length(node: yaml.Node) -> int:
+    if isinstance(node, yaml.CollectionNode):
+        return sum(_length(part) + 2 for part in _parts(node))
+    return len(node.value)
+
+
+def _block(content: Any) -> Any:
+    return _Block(content) if isinstance(content, dict) and len(content) > 1 else content
+
+
+def _dump(data: Mapping[str, Any]) -> str:
+    return yaml.dump(
+        _Block(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=_WIDTH
+    )
+
+
+# -- tables -------------------------------------------------------------------------------------
+
+
+def summary_table(kb: KnowledgeBase) -> Group:
+    """Return a knowledge base as tables: rules, weights, terms, signals, and what it is."""
+    semantics = kb.semantics
+    pooling = "pooled" if semantics.pools else "best"
+    return Group(
+        f"[bold]{escape(kb.name)}[/] {escape(kb.description.strip())}",
+        f"[dim]subject {kb.subject} · {len(declared(kb))} predicates · {len(kb.tests)} tests · "
+        f"hash {kb.hash[:12]}[/]",
+        f"[dim]conjunction {semantics.conjunction} · groundings {pooling} · disjunction "
+        f"{semantics.disjunction} · confidence {semantics.confidence}[/]",
+        _table(
+            "Rules",
+            ("rule", "clause", "description"),
+            ((r.name, str(r.clause), r.description) for r in kb.rules.values()),
+        ),
+        _table(
+            "Weights",
+            ("weight", "w ="),
+            (
+                (name, f"1/{weight.normalizer:g} × ({_sum(weight.coefficients)})")
+                for name, weight in kb.weights.items()
+            ),
+        ),
+        _table(
+            "Reward, the sum of",
+            ("term", "weight", "formula", "parameters"),
+            (
+                (t.name, str(t.weight), t.formula.text, _numbers(t.parameters))
+                for t in kb.terms.values()
+            ),
+        ),
+        _table(
+            "Signals",
+            ("signal", "unit", "description", "default"),
+            (
+                (name, s.unit, s.description, "" if s.default is None else f"{s.default:g}")
+                for name, s in kb.signals.items()
+            ),
+        ),
+    )
+
+
+def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+    table = Table(*columns, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*map(escape, row))
+    return table
+
+
+def _sum(coefficients: Mapping[str, float]) -> str:
+    return " + ".join(f"{number:g} {head}" for head, number in coefficients.items())
+
+
+def _numbers(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {number:g}" for name, number in numbers.items())

@@ -1,0 +1,231 @@
+"""The laws of the logic, each a function that any test can call.
+
+A law takes a reward function, facts that fit its knowledge base, and a source of randomness for
+whatever it varies. It raises `AssertionError` where it is broken; where it says nothing about a
+knowledge base, it does nothing.
+
+Example:
+    >>> import random, sfol
+    >>> from sfol.testing.laws import LAWS
+    >>> reward = sfol.RewardFunction("aeb")
+    >>> facts = sfol.Facts.parse("Pedestrian(p1): 0.8. OnRoad(p1). CenterOf(p1, ego).")
+    >>> for law in LAWS:
+    ...     law(reward, facts, random.Random(0))
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from random import Random
+from typing import cast
+
+from sfol.engines.engine import Engine
+from sfol.facts import Bound, Facts
+from sfol.knowledge_base import KnowledgeBase
+from sfol.reward import Outcome, RewardFunction
+from sfol.syntax import Atom, is_variable, parse_clause
+
+TOLERANCE = 1e-9
+
+Law = Callable[[RewardFunction, Facts, Random], None]
+Derived = Mapping[Atom, Bound]
+
+
+def bounds_are_bounds(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Every concluded bound is in [0, 1] and ordered."""
+    for atom, bound in _derived(reward, facts).items():
+        assert 0.0 <= bound.lower <= bound.upper <= 1.0, f"{atom} has {bound}"
+
+
+def order_changes_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Facts are a set: in another order they lead to the same conclusions."""
+    shuffled = random.sample(list(facts.items()), k=len(facts))
+    assert_same(_derived(reward, facts), _derived(reward, _facts(facts, shuffled)))
+
+
+def names_change_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """An entity's name means nothing, unless the knowledge base names it."""
+    free = [name for name in facts.entities() if name not in _named(reward.kb)]
+    numbers = random.sample(range(len(free)), k=len(free))
+    new = {name: f"renamed{number}" for name, number in zip(free, numbers, strict=True)}
+    renamed = [(_renamed(atom, new), bound) for atom, bound in facts.items()]
+    expected = {_renamed(atom, new): b for atom, b in _derived(reward, facts).items()}
+    assert_same(expected, _derived(reward, _facts(facts, renamed)))
+
+
+def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Facts that no rule reads change no conclusion."""
+    unread = [name for name in reward.kb.predicates if name not in _read(reward.kb)]
+    more = facts.copy()
+    for name in unread:
+        atom = _some_atom(reward.kb, name, (*facts.entities(), "stranger"), random)
+        if atom not in reward.kb.background:
+            more.add(name, *atom.arguments, bound=_some_bound(random), merge="replace")
+    assert_same(_derived(reward, facts), _derived(reward, more))
+
+
+def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """With `groundings: best` and no negation, one more fact lowers no bound."""
+    kb = reward.kb
+    negated = any(lit.negated for r in kb.rules.values() for lit in r.clause.body.literals)
+    if kb.semantics.pools or negated or not kb.predicates:
+        return
+    entities = (*facts.entities(), kb.subject, "stranger")
+    atom = _some_atom(kb, random.choice(list(kb.predicates)), entities, random)
+    if atom in facts or atom in kb.background:
+        return
+    more = facts.copy()
+    more.add(atom.predicate, *atom.arguments, bound=_some_bound(random))
+    after = _derived(reward, more)
+    for known, bound in _derived(reward, facts).items():
+        assert after[known].lower >= bound.lower - TOLERANCE, f"{atom} lowered {known}"
+        assert after[known].upper >= bound.upper - TOLERANCE, f"{atom} lowered {known}"
+
+
+def of_several_rules_the_greatest_counts(
+    reward: RewardFunction, facts: Facts, random: Random
+) -> None:
+    """With `disjunction: maximum`, rules that share a head conclude what the best of them does."""
+    kb = reward.kb
+    if kb.semantics.disjunction != "maximum" or not kb.heads:
+        return
+    head = random.choice(kb.heads)
+    sharing = [name for name, rule in kb.rules.items() if rule.clause.head.predicate == head]
+    greatest: dict[Atom, Bound] = {}
+    for name in sharing:
+        rules = {n: rule for n, rule in kb.rules.items() if n == name or n not in sharing}
+        alone = _like(reward.engine, dataclasses.replace(kb, rules=rules))
+        for atom, bound in _of(alone.conclude(facts).derived, head).items():
+            other = greatest.get(atom, bound)
+            greatest[atom] = Bound(max(bound.lower, other.lower), max(bound.upper, other.upper))
+    assert_same(greatest, _of(_derived(reward, facts), head))
+
+
+def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """The confidence of a head of which nothing is known is 0."""
+    outcome = _evaluated(reward, facts)
+    for head, bound in outcome.bounds.items():
+        assert bound is not None or outcome.confidences[head] == 0.0, head
+
+
+def printed_rules_are_the_rules(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """To print and to parse are each other's inverse, for rules and for facts."""
+    for rule in reward.kb.rules.values():
+        assert parse_clause(str(rule.clause)) == rule.clause, rule
+    assert Facts.parse(str(facts), margin=facts.margin) == facts
+
+
+def the_reward_is_the_sum_of_its_terms(
+    reward: RewardFunction, facts: Facts, random: Random
+) -> None:
+    """R = Σ terms, to the last digit."""
+    outcome = _evaluated(reward, facts)
+    assert outcome.reward == sum(outcome.terms.values())
+
+
+def a_batch_is_its_scenes(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """A batch gives what its scenes give one by one."""
+    some = [pair for pair in facts.items() if random.random() < 0.5]
+    scenes = [facts, Facts(), _facts(facts, some)]
+    outcomes = reward.evaluate(reward.batch(scenes), **_signals(reward))
+    for i, scene in enumerate(scenes):
+        outcome = _evaluated(reward, scene)
+        assert _near(float(outcomes.reward[i]), outcome.reward)
+        for head, bound in outcome.bounds.items():
+            found = outcomes.bounds[head]
+            assert bool(found.known[i]) == (bound is not None), head
+            assert bound is None or _near(float(found.lower[i]), bound.lower), head
+            assert bound is None or _near(float(found.upper[i]), bound.upper), head
+
+
+LAWS: Sequence[Law] = (
+    bounds_are_bounds,
+    order_changes_nothing,
+    names_change_nothing,
+    irrelevant_facts_change_nothing,
+    best_is_monotone,
+    of_several_rules_the_greatest_counts,
+    heads_that_did_not_fire_are_zero,
+    printed_rules_are_the_rules,
+    the_reward_is_the_sum_of_its_terms,
+    a_batch_is_its_scenes,
+)
+
+
+def assert_same(expected: Derived, found: Derived) -> None:
+    """Assert that two engines, or two runs of one, concluded the same atoms and bounds.
+
+    Raises:
+        AssertionError: with the first atom that differs.
+    """
+    for atom in {**expected, **found}:
+        assert atom in found, f"{atom} {expected[atom]} was not concluded"
+        assert atom in expected, f"{atom} {found[atom]} was concluded"
+        one, other = expected[atom], found[atom]
+        same = _near(one.lower, other.lower) and _near(one.upper, other.upper)
+        assert same, f"{atom} has {tuple(other)}, not {tuple(one)}"
+
+
+def _near(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+
+
+def _derived(reward: RewardFunction, facts: Facts) -> Derived:
+    return reward.engine.conclude(facts).derived
+
+
+def _signals(reward: RewardFunction) -> dict[str, float]:
+    """Return a number for every signal that has none."""
+    return {name: 2.0 for name, signal in reward.kb.signals.items() if signal.default is None}
+
+
+def _evaluated(reward: RewardFunction, facts: Facts) -> Outcome:
+    return reward.evaluate(facts, **_signals(reward))
+
+
+def _like(engine: Engine, kb: KnowledgeBase) -> Engine:
+    """Return an engine of the same kind for another knowledge base."""
+    return cast(Callable[[KnowledgeBase], Engine], type(engine))(kb)
+
+
+def _of(derived: Derived, head: str) -> dict[Atom, Bound]:
+    return {atom: bound for atom, bound in derived.items() if atom.predicate == head}
+
+
+def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
+    facts = Facts(margin=like.margin)
+    for atom, bound in items:
+        facts.add(atom.predicate, *atom.arguments, bound=bound)
+    return facts
+
+
+def _renamed(atom: Atom, new: Mapping[str, str]) -> Atom:
+    return Atom(atom.predicate, tuple(new.get(name, name) for name in atom.arguments))
+
+
+def _named(kb: KnowledgeBase) -> set[str]:
+    """Return the entities that the knowledge base itself names."""
+    atoms = list(kb.background)
+    terms: list[str] = [kb.subject]
+    for rule in kb.rules.values():
+        atoms += [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
+        terms += [term for guard in rule.clause.body.guards for term in guard]
+    terms += [term for atom in atoms for term in atom.arguments]
+    return {term for term in terms if not is_variable(term)}
+
+
+def _read(kb: KnowledgeBase) -> set[str]:
+    """Return the predicates on which conclusions can depend: of bodies, and of heads."""
+    bodies = [rule.clause.body for rule in kb.rules.values()]
+    return {lit.atom.predicate for body in bodies for lit in body.literals} | set(kb.heads)
+
+
+def _some_atom(kb: KnowledgeBase, name: str, entities: Sequence[str], random: Random) -> Atom:
+    return Atom(name, tuple(random.choices(entities, k=kb.predicates[name].arity)))
+
+
+def _some_bound(random: Random) -> Bound:
+    lower, upper = sorted((random.random(), random.random()))
+    return Bound(lower, upper)

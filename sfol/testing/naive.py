@@ -1,0 +1,175 @@
+"""The naive reference: what a knowledge base means, sentence by sentence, and very slowly.
+
+Nothing here is shared with the engines, but for the data that goes in and comes out, so that an
+error of theirs can't hide here as well.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import reduce
+
+from sfol.facts import Bound, Facts
+from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.syntax import Atom, Literal, is_variable
+
+Known = Mapping[Atom, Bound]
+Substitution = Mapping[str, str]
+
+
+def naive_conclusions(kb: KnowledgeBase, facts: Facts) -> dict[Atom, Bound]:
+    """Return what follows from facts, by the letter of the definition and very slowly.
+
+    Args:
+        kb: the knowledge base.
+        facts: they must fit the knowledge base; nothing is checked.
+
+    Returns:
+        Every atom that some rule concludes, with its final bound.
+    """
+    # Facts map ground atoms to bounds; the background always holds, with [1, 1].
+    known = {**{atom: Bound(1.0, 1.0) for atom in kb.background}, **dict(facts.items())}
+    derived: dict[Atom, Bound] = {}
+    # Strata are evaluated in order, each to the end.
+    waiting = list(kb.heads)
+    while waiting:
+        head = next(name for name in waiting if not _reads(kb, name) & set(waiting))
+        waiting.remove(head)
+        # Entities are the constants that occur in facts, plus the subject. To a later stratum the
+        # conclusions of an earlier one are facts as well.
+        entities = sorted({kb.subject}.union(*(atom.arguments for atom in known)))
+        conclusions = _naive_stratum(kb, head, known, entities)
+        derived.update(conclusions)
+        known.update(conclusions)
+    return derived
+
+
+def _rules_of(kb: KnowledgeBase, head: str) -> list[Rule]:
+    return [rule for rule in kb.rules.values() if rule.clause.head.predicate == head]
+
+
+def _reads(kb: KnowledgeBase, head: str) -> set[str]:
+    bodies = [rule.clause.body for rule in _rules_of(kb, head)]
+    return {literal.atom.predicate for body in bodies for literal in body.literals}
+
+
+def _naive_stratum(
+    kb: KnowledgeBase, head: str, known: Known, entities: Sequence[str]
+) -> dict[Atom, Bound]:
+    disjuncts: dict[Atom, list[Bound]] = {}
+    for rule in _rules_of(kb, head):
+        for atom, bound in _naive_rule(kb, rule, known, entities).items():
+            # An atom that is both asserted and derived: the asserted bound is one more disjunct.
+            asserted = [known[atom]] if atom in known else []
+            disjuncts.setdefault(atom, asserted).append(bound)
+    return {atom: _disjunction(kb, bounds) for atom, bounds in disjuncts.items()}
+
+
+def _naive_rule(
+    kb: KnowledgeBase, rule: Rule, known: Known, entities: Sequence[str]
+) -> dict[Atom, Bound]:
+    # S(h): the satisfying substitutions whose head is h; no substitution, no conclusion.
+    satisfying: dict[Atom, list[Substitution]] = {}
+    for substitution in _substitutions(rule, entities):
+        if _satisfies(rule, substitution, known):
+            head = _grounded(rule.clause.head, substitution)
+            satisfying.setdefault(head, []).append(substitution)
+    groundings = kb.semantics.groundings
+    if groundings is None:
+        groundings = "pooled" if kb.semantics.conjunction == "average" else "best"
+    combine = _naive_pooled if groundings == "pooled" else _naive_best
+    return {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+
+
+def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution]:
+    atoms = [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
+    terms = {term for atom in atoms for term in atom.arguments}
+    names = sorted(term for term in terms if is_variable(term))
+    for values in itertools.product(entities, repeat=len(names)):
+        yield dict(zip(names, values, strict=True))
+
+
+def _satisfies(rule: Rule, substitution: Substitution, known: Known) -> bool:
+    # s satisfies the body iff every literal and guard holds.
+    body = rule.clause.body
+    return all(_holds(rule, literal, substitution, known) for literal in body.literals) and all(
+        substitution.get(guard.left, guard.left) != substitution.get(guard.right, guard.right)
+        for guard in body.guards
+    )
+
+
+def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Known) -> bool:
+    bound = _literal_bound(literal, substitution, known)
+    if literal.negated:
+        # A negated literal holds iff its lower bound reaches the negation threshold.
+        return bound is not None and bound.lower >= rule.negation_threshold
+    # A positive literal holds iff the atom is known, its upper bound is above 0 and its lower
+    # bound reaches the rule's threshold.
+    return bound is not None and bound.upper > 0 and bound.lower >= rule.threshold
+
+
+def _literal_bound(literal: Literal, substitution: Substitution, known: Known) -> Bound | None:
+    bound = known.get(_grounded(literal.atom, substitution))
+    if not literal.negated:
+        return bound
+    # A negated literal has the bound [1, 1] if the atom is unknown, else [1 − u, 1 − l].
+    return Bound(1.0, 1.0) if bound is None else Bound(1 - bound.upper, 1 - bound.lower)
+
+
+def _naive_pooled(
+    kb: KnowledgeBase, rule: Rule, found: Sequence[Substitution], known: Known
+) -> Bound:
+    # For each body literal the distinct ground atoms over S(h), then the average over all of them.
+    pool = []
+    for literal in rule.clause.body.literals:
+        distinct = {
+            _grounded(literal.atom, substitution): _literal_bound(literal, substitution, known)
+            for substitution in found
+        }
+        pool += [bound for bound in distinct.values() if bound is not None]
+    return _conjunction(kb, pool)
+
+
+def _naive_best(
+    kb: KnowledgeBase, rule: Rule, found: Sequence[Substitution], known: Known
+) -> Bound:
+    # Combine per substitution, then take the maximum of lowers and of uppers.
+    single = []
+    for substitution in found:
+        literals = rule.clause.body.literals
+        bounds = [_literal_bound(literal, substitution, known) for literal in literals]
+        single.append(_conjunction(kb, [bound for bound in bounds if bound is not None]))
+    return Bound(max(bound.lower for bound in single), max(bound.upper for bound in single))
+
+
+def _conjunction(kb: KnowledgeBase, bounds: Sequence[Bound]) -> Bound:
+    return _combined(_CONJUNCTIONS[kb.semantics.conjunction], bounds)
+
+
+def _disjunction(kb: KnowledgeBase, bounds: Sequence[Bound]) -> Bound:
+    return _combined(_DISJUNCTIONS[kb.semantics.disjunction], bounds)
+
+
+def _combined(combine: Callable[[Sequence[float]], float], bounds: Sequence[Bound]) -> Bound:
+    # Lower bounds with lower, upper with upper.
+    return Bound(combine([b.lower for b in bounds]), combine([b.upper for b in bounds]))
+
+
+_CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "average": statistics.fmean,
+    "minimum": min,
+    "product": math.prod,
+    "lukasiewicz": lambda values: max(0.0, math.fsum(values) - (len(values) - 1)),
+}
+_DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "maximum": max,
+    # 1 - Π (1 - x), in the one form that rounds neither 0 nor 1 away from where thresholds are.
+    "probabilistic_sum": lambda values: reduce(lambda a, b: a + b * (1.0 - a), values),
+}
+
+
+def _grounded(atom: Atom, substitution: Substitution) -> Atom:
+    return Atom(atom.predicate, tuple(substitution.get(term, term) for term in atom.arguments))

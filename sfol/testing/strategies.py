@@ -1,0 +1,241 @@
+"""Hypothesis strategies: knowledge bases, facts that fit them, and overlays that change them.
+
+Example:
+    >>> from hypothesis import given
+    >>> from sfol import strategies
+    >>> @given(strategies.scenes())
+    ... def test_mine(scene):
+    ...     kb, facts = scene
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+from sfol.errors import MissingExtraError
+from sfol.facts import Bound, Facts
+from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
+from sfol.syntax import Atom, Guard, Literal, variables
+
+try:
+    from hypothesis import strategies as st
+except ImportError as error:
+    raise MissingExtraError(
+        "the strategies need hypothesis",
+        name="hypothesis",
+        suggestion="python -m pip install 'sfol[testing]'",
+    ) from error
+
+# Predicates with their arity. A rule reads only those that stand before its head, so that no
+# knowledge base has a cycle; those behind the first three can be asserted, derived or both.
+_PREDICATES = {"Calm": 1, "Near": 2, "Loud": 1, "Sees": 2, "Warm": 1, "knows": 2, "care": 1,
+               "alarm": 1}  # fmt: skip
+_BASE = 3
+UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
+
+ENTITIES = ("ego", "ada", "bob", "cleo")
+_STRANGER = "zoe"  # rules may name it; facts do not
+
+_CONJUNCTIONS = ("average", "minimum", "product", "lukasiewicz")
+_VARIABLES = ("X", "Y", "Z")
+
+
+def _mostly(usual: Any, *others: Any) -> st.SearchStrategy[Any]:
+    """Return the usual value seven times out of eight."""
+    return st.sampled_from([usual] * 7 * len(others) + list(others))
+
+
+def _bound(pair: tuple[float, float]) -> Bound:
+    return Bound(min(pair), max(pair))
+
+
+# Eighths are exact in binary, so thresholds are often met at their very value.
+_eighths = st.integers(0, 8).map(lambda n: n / 8)
+_pairs = st.one_of(st.tuples(_eighths, _eighths), st.tuples(st.floats(0, 1), st.floats(0, 1)))
+
+
+def bounds() -> st.SearchStrategy[Bound]:
+    """Bounds: certain, impossible, unknown but named, sharp ones and any others."""
+    named = st.sampled_from([Bound(1.0, 1.0), Bound(0.0, 0.0), Bound(0.0, 1.0)])
+    return st.one_of(named, _pairs.map(_bound))
+
+
+def _terms(names: Sequence[str], count: int) -> st.SearchStrategy[tuple[str, ...]]:
+    constants = st.sampled_from([*ENTITIES[:2], _STRANGER])
+    term = _mostly(st.sampled_from(names), constants).flatmap(lambda chosen: chosen)
+    # An atom that names one variable twice is legal and rare.
+    apart = st.lists(term, min_size=count, max_size=count, unique=True)
+    return _mostly(apart, st.lists(term, min_size=count, max_size=count)).flatmap(
+        lambda chosen: chosen.map(tuple)
+    )
+
+
+def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.SearchStrategy[Atom]:
+    return st.sampled_from(predicates).flatmap(
+        lambda name: _terms(names, _PREDICATES[name]).map(lambda terms: Atom(name, terms))
+    )
+
+
+@st.composite
+def _clauses(draw: st.DrawFn, head: str) -> str:
+    """Draw the text of a rule for a head: safe, reading only what stands before the head."""
+    order = list(_PREDICATES)
+    readable = order[: order.index(head)]
+    positive = draw(st.lists(_atoms(readable), min_size=1, max_size=4))
+    bound = variables(*(term for atom in positive for term in atom.arguments)) or (ENTITIES[0],)
+    arguments = draw(_terms(bound, _PREDICATES[head]))
+    negated = draw(st.lists(_atoms(readable, bound), max_size=2))
+    literals = [*map(Literal, positive), *(Literal(atom, negated=True) for atom in negated)]
+    body: list[Literal | Guard] = list(draw(st.permutations(literals)))
+    if len(bound) > 1 and draw(_mostly(False, True)):
+        left, right = draw(st.permutations(bound))[:2]
+        body.append(Guard(left, right))
+    return f"{Atom(head, arguments)} :- {', '.join(map(str, body))}."
+
+
+@st.composite
+def _rules(draw: st.DrawFn) -> dict[str, dict[str, Any]]:
+    heads = draw(st.lists(st.sampled_from(list(_PREDICATES)[_BASE:]), min_size=1, max_size=6))
+    return {
+        f"rule{number}": {
+            "rule": draw(_clauses(head)),
+            "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
+            "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
+        }
+        for number, head in enumerate(heads)
+    }
+
+
+def semantics() -> st.SearchStrategy[dict[str, Any]]:
+    """All valid combinations of operators, as the key `semantics` has them."""
+    valid = [(c, g) for c in _CONJUNCTIONS for g in (None, "best")] + [("average", "pooled")]
+    return st.builds(
+        lambda pair, disjunction, confidence: {
+            "conjunction": pair[0],
+            "groundings": pair[1],
+            "disjunction": disjunction,
+            "confidence": confidence,
+        },
+        st.sampled_from(valid),
+        st.sampled_from(["maximum", "probabilistic_sum"]),
+        st.sampled_from(["midpoint", "lower", "upper"]),
+    )
+
+
+def _heads(rules: dict[str, dict[str, Any]]) -> list[str]:
+    return sorted({entry["rule"].partition("(")[0] for entry in rules.values()})
+
+
+@st.composite
+def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
+    """Contents of knowledge base files, all valid.
+
+    They have negation, guards, constants, literals that name a variable twice, several rules per
+    head, derived predicates over several strata that may be asserted as well, thresholds met at
+    their very value, and every operator.
+    """
+    rules = draw(_rules())
+    unary = [head for head in _heads(rules) if _PREDICATES[head] == 1]
+    coefficient = st.integers(-16, 16).map(lambda n: n / 8)
+    weights = {
+        "concern": {
+            "normalizer": draw(st.sampled_from([1.0, 2.0, 3.0])),
+            "coefficients": {head: draw(coefficient) for head in unary},
+        }
+    }
+    content = {
+        "version": 1,
+        "name": "drawn",
+        "subject": ENTITIES[0],
+        "background": draw(st.sampled_from([[], ["Calm(ego)"], ["Calm(ego)", "Near(ego, ada)"]])),
+        "predicates": {
+            f"{name}({', '.join(_VARIABLES[:arity])})": ""
+            for name, arity in {**_PREDICATES, UNREAD: 1}.items()
+        },
+        "rules": rules,
+        "semantics": draw(semantics()),
+        "signals": {"v": {"unit": "m/s"}, "d": {"unit": "m", "default": float("inf")}},
+        "weights": weights,
+        "terms": {
+            "care": {
+                "weight": "concern",
+                "formula": "-k * v / (d + 1)",
+                "parameters": {"k": draw(coefficient)},
+            },
+            "haste": {"weight": 0.5, "formula": "v"},
+        },
+    }
+    return KnowledgeBaseFile.model_validate(content)
+
+
+def knowledge_bases() -> st.SearchStrategy[KnowledgeBase]:
+    """Checked knowledge bases of the files that `knowledge_base_files` draws."""
+    return knowledge_base_files().map(KnowledgeBase.of)
+
+
+@st.composite
+def facts_for(
+    draw: st.DrawFn,
+    kb: KnowledgeBase,
+    entities: Sequence[str] = ENTITIES,
+    max_size: int = 40,
+) -> Facts:
+    """Facts that fit a knowledge base.
+
+    Args:
+        draw: given by hypothesis.
+        kb: the knowledge base; any of its predicates may be asserted, derived ones as well.
+        entities: the constants to speak of.
+        max_size: the greatest number of atoms that rules read.
+    """
+    present = entities[: draw(st.sampled_from([1, 2, 2, 3, 3, 3, len(entities)]))]
+    atoms = [
+        Atom(name, constants)
+        for name, predicate in kb.predicates.items()
+        for constants in itertools.product(present, repeat=predicate.arity)
+        if (name, constants) not in kb.background
+    ]
+    bodies = [rule.clause.body for rule in kb.rules.values()]
+    read = {literal.atom.predicate for body in bodies for literal in body.literals}
+    # Bodies hold only where much of what they read is known: each such atom may well be.
+    likely = draw(st.permutations([atom for atom in atoms if atom.predicate in read]))[:max_size]
+    maybe = draw(st.lists(st.none() | bounds(), min_size=len(likely), max_size=len(likely)))
+    others = draw(st.dictionaries(st.sampled_from(atoms), bounds(), max_size=3))
+    facts = Facts(margin=kb.grounding.margin)
+    for atom, bound in {**dict(zip(likely, maybe, strict=True)), **others}.items():
+        if bound is not None:
+            facts.add(atom.predicate, *atom.arguments, bound=bound)
+    return facts
+
+
+def scenes() -> st.SearchStrategy[tuple[KnowledgeBase, Facts]]:
+    """Knowledge bases, each with facts that fit it."""
+    return knowledge_bases().flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
+
+
+@st.composite
+def overlays(draw: st.DrawFn, base: KnowledgeBaseFile) -> dict[str, Any]:
+    """Overlays of a drawn file, as data to be written to a file beside it.
+
+    They drop rules, replace others, add one, and change operators and coefficients.
+
+    Args:
+        draw: given by hypothesis.
+        base: the file to extend, of `knowledge_base_files`.
+    """
+    names = list(base.rules)
+    removed = draw(st.lists(st.sampled_from(names), unique=True, max_size=len(names) - 1))
+    kept = [name for name in names if name not in removed]
+    changed = draw(st.lists(st.sampled_from([*kept, "added"]), unique=True, max_size=2))
+    # A replaced rule keeps its head, so that weights go on meaning something.
+    heads = {name: entry.rule.partition("(")[0] for name, entry in base.rules.items()}
+    return {
+        "version": 1,
+        "name": "overlay",
+        "extends": base.name,
+        "remove": {"rules": removed},
+        "rules": {name: draw(_clauses(heads.get(name, "care"))) for name in changed},
+        "semantics": draw(st.just({}) | semantics()),
+    }

@@ -1,0 +1,393 @@
+"""Finds what is allowed in a knowledge base, but most likely not meant.
+
+Every kind of finding has a code that stays. A comment ``# sfol: ignore SF003`` on the line of a
+finding, or alone on the line above, hides it; without a code it hides all. What is odd in a file
+that another one extends is found where that file is linted, and not again.
+
+| code | level | finds |
+| --- | --- | --- |
+| SF001 | warning | a rule that can never fire |
+| SF002 | warning | a body that asks for an atom and for its negation |
+| SF003 | warning | a predicate that nothing reads |
+| SF004 | warning | a weight that names a head without a rule |
+| SF005 | warning | a rule that holds only where another one of the same head does |
+| SF006 | info | averages over several groundings, which more facts can lower |
+| SF007 | warning | recorded episodes: one term is nearly all of the reward |
+| SF008 | warning | recorded episodes: returns are not in the order of their endings |
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+from pathlib import Path
+from statistics import fmean
+from typing import Literal as Choice
+
+from sfol.errors import Place
+from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.positions import Keys, entries
+from sfol.knowledge_base.vocabulary import declared, read
+from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
+from sfol.tools.replay import ReplayedEpisode
+
+ENDINGS = ("collision", "timeout", "success")
+DOMINANT = 0.9
+
+_OF_EPISODES = ("SF007", "SF008")
+_IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<codes>[\sA-Z0-9,]*)")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is most likely not meant.
+
+    Attributes:
+        code: such as ``SF001``; it stays the same for ever.
+        level: ``warning``, or ``info`` for what one should merely know.
+        message: what was found, in one sentence.
+        path: the keys of the part of the knowledge base that it is about.
+        suggestion: what to do.
+        place: where that part stands, if the knowledge base was read from files.
+    """
+
+    code: str
+    level: Choice["warning", "info"]
+    message: str
+    path: Keys
+    suggestion: str
+    place: Place | None = None
+
+
+def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
+    """Return everything that is odd about a knowledge base itself."""
+    checks: Sequence[Callable[[KnowledgeBase], Iterator[Finding]]] = (
+        _never_fires,
+        _contradicts,
+        _unused,
+        _without_rule,
+        _subsumed,
+        _not_monotone,
+    )
+    return tuple(finding for check in checks for finding in check(kb))
+
+
+def lint_episodes(
+    kb: KnowledgeBase,
+    episodes: Sequence[ReplayedEpisode],
+    *,
+    dominant: float = DOMINANT,
+    endings: Sequence[str] = ENDINGS,
+) -> tuple[Finding, ...]:
+    """Return what is odd about the rewards of recorded episodes.
+
+    Args:
+        kb: the knowledge base that they were replayed under.
+        episodes: as `sfol.tools.replay.replay` returns them.
+        dominant: the share of all reward from which one term is too much.
+        endings: how episodes end, from the worst to the best. Source: the sanity checks of
+            Knox et al., "Reward (Mis)design for Autonomous Driving", arXiv 2104.13906.
+    """
+    return (*_dominates(kb, episodes, dominant), *_misordered(episodes, endings))
+
+
+# -- rules --------------------------------------------------------------------------------------
+
+
+def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
+    """SF001; a head that nobody declares and whose rules never fire is never known itself."""
+    observable = declared(kb)
+    reasons: dict[str, str] = {}
+    while True:
+        barren = {
+            head
+            for head in kb.heads
+            if head not in observable
+            and all(
+                name in reasons
+                for name, rule in kb.rules.items()
+                if rule.clause.head.predicate == head
+            )
+        }
+        new = {
+            name: reason
+            for name, rule in kb.rules.items()
+            if name not in reasons and (reason := _why_never(rule, barren))
+        }
+        if not new:
+            break
+        reasons |= new
+    for name, reason in reasons.items():
+        yield Finding(
+            "SF001",
+            "warning",
+            f"the rule '{name}' can never fire: {reason}",
+            ("rules", name),
+            "correct or remove it",
+        )
+
+
+def _why_never(rule: Rule, barren: set[str]) -> str | None:
+    body = rule.clause.body
+    for guard in body.guards:
+        if guard.left == guard.right:
+            return f"'{guard}' is never true"
+    for literal in body.literals:
+        if not literal.negated and literal.atom.predicate in barren:
+            return f"no rule that can fire concludes '{literal.atom.predicate}'"
+    for atom in _contradictions(body):
+        if _excludes(rule):
+            return f"{atom} and not {atom} exclude each other at its thresholds"
+    return None
+
+
+def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
+    for name, rule in kb.rules.items():
+        for atom in _contradictions(rule.clause.body):
+            if not _excludes(rule):
+                most = 1.0 - rule.negation_threshold
+                yield Finding(
+                    "SF002",
+                    "warning",
+                    f"the rule '{name}' asks for {atom} and for not {atom}: "
+                    f"it holds only while the upper bound is at most {most:g}",
+                    ("rules", name),
+                    "remove one of the two literals",
+                )
+
+
+def _contradictions(body: Body) -> list[Atom]:
+    negated = {literal.atom for literal in body.literals if literal.negated}
+    return [lit.atom for lit in body.literals if not lit.negated and lit.atom in negated]
+
+
+def _excludes(rule: Rule) -> bool:
+    """Tell whether no bound meets both thresholds: l ≥ threshold, 1 − u ≥ negation threshold."""
+    most = 1.0 - rule.negation_threshold
+    return most <= 0.0 or rule.threshold > most
+
+
+def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
+    reads = read(kb)
+    for name in declared(kb):
+        if name not in reads:
+            yield Finding(
+                "SF003",
+                "warning",
+                f"nothing reads the predicate '{name}'",
+                ("predicates", name),
+                "remove it, or use it in a rule",
+            )
+
+
+def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
+    for name, weight in kb.weights.items():
+        for head in weight.coefficients:
+            if head not in kb.heads:
+                yield Finding(
+                    "SF004",
+                    "warning",
+                    f"the weight '{name}' names '{head}', which no rule concludes: it adds 0",
+                    ("weights", name, "coefficients", head),
+                    "fine in an ablation; otherwise remove the coefficient or add a rule",
+                )
+
+
+def _subsumed(kb: KnowledgeBase) -> Iterator[Finding]:
+    found: set[str] = set()
+    for first, second in combinations(kb.rules.values(), 2):
+        # Of two equal rules the later one is reported.
+        for special, general in ((second, first), (first, second)):
+            if not found & {special.name, general.name} and _covers(general, special):
+                found.add(special.name)
+                yield _subsumption(kb, general, special)
+
+
+def _subsumption(kb: KnowledgeBase, general: Rule, special: Rule) -> Finding:
+    effect = (
+        "it can only raise the average"
+        if kb.semantics.conjunction == "average"
+        else "it changes nothing"
+        if kb.semantics.disjunction == "maximum"
+        else "it counts twice"
+    )
+    return Finding(
+        "SF005",
+        "warning",
+        f"the rule '{special.name}' holds only where '{general.name}' does: {effect}",
+        ("rules", special.name),
+        "remove one of the two rules",
+    )
+
+
+def _covers(general: Rule, special: Rule) -> bool:
+    """Tell whether a substitution makes the general rule's body part of the special one's."""
+    if general.threshold > special.threshold:
+        return False
+    if general.negation_threshold > special.negation_threshold:
+        return False
+    start = _match(general.clause.head, special.clause.head, {})
+    return start is not None and _embeds(general.clause.body, special.clause.body, start)
+
+
+def _embeds(general: Body, special: Body, values: Mapping[str, str]) -> bool:
+    def rest(literals: Sequence[Literal], values: Mapping[str, str]) -> bool:
+        if not literals:
+            return all(_has(special, guard, values) for guard in general.guards)
+        first, *others = literals
+        return any(
+            rest(others, extended)
+            for literal in special.literals
+            if literal.negated == first.negated
+            and (extended := _match(first.atom, literal.atom, values)) is not None
+        )
+
+    return rest(general.literals, values)
+
+
+def _match(pattern: Atom, atom: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
+    """Extend a substitution so that the pattern becomes the atom, if one can."""
+    if pattern.predicate != atom.predicate or len(pattern.arguments) != len(atom.arguments):
+        return None
+    extended = dict(values)
+    for term, target in zip(pattern.arguments, atom.arguments, strict=True):
+        if (extended.setdefault(term, target) if is_variable(term) else term) != target:
+            return None
+    return extended
+
+
+def _has(body: Body, guard: Guard, values: Mapping[str, str]) -> bool:
+    wanted = {values.get(term, term) for term in guard}
+    return any(set(other) == wanted for other in body.guards)
+
+
+def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
+    several = [
+        rule.name
+        for rule in kb.rules.values()
+        if set(_body_variables(rule)) - set(rule.clause.head.arguments)
+    ]
+    if kb.semantics.pools and several:
+        yield Finding(
+            "SF006",
+            "info",
+            f"{', '.join(several)}: the average over several groundings is not monotone; "
+            "a further, less certain entity can lower a confidence",
+            ("semantics",),
+            "groundings: best is monotone; the paper's rules mean pooled",
+        )
+
+
+def _body_variables(rule: Rule) -> tuple[str, ...]:
+    literals = rule.clause.body.literals
+    return variables(*(term for literal in literals for term in literal.atom.arguments))
+
+
+# -- recorded episodes --------------------------------------------------------------------------
+
+
+def _dominates(
+    kb: KnowledgeBase, episodes: Sequence[ReplayedEpisode], dominant: float
+) -> Iterator[Finding]:
+    outcomes = [outcome for episode in episodes for outcome in episode.outcomes]
+    sizes = {name: sum(abs(outcome.terms[name]) for outcome in outcomes) for name in kb.terms}
+    total = sum(sizes.values())
+    for name, size in sizes.items():
+        if len(sizes) > 1 and total and size / total > dominant:
+            yield Finding(
+                "SF007",
+                "warning",
+                f"the term '{name}' is {size / total:.1%} of all reward in {len(episodes)} "
+                "recorded episodes: the others hardly count",
+                ("terms", name),
+                "compare the parameters of the terms",
+            )
+
+
+def _misordered(episodes: Sequence[ReplayedEpisode], endings: Sequence[str]) -> Iterator[Finding]:
+    returns = {
+        ending: values
+        for ending in endings
+        if (values := [e.value for e in episodes if e.episode.ending == ending])
+    }
+    for worse, better in pairwise(returns):
+        low, high = fmean(returns[worse]), fmean(returns[better])
+        if low >= high:
+            yield Finding(
+                "SF008",
+                "warning",
+                f"episodes that end with '{worse}' return {low:.4g} on average "
+                f"({len(returns[worse])} episodes), those with '{better}' only {high:.4g} "
+                f"({len(returns[better])} episodes)",
+                ("terms",),
+                f"an agent would learn to prefer '{worse}'",
+            )
+
+
+# -- places -------------------------------------------------------------------------------------
+
+
+def located(kb: KnowledgeBase, findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings with their places, without those that a comment hides.
+
+    Nor are those returned that stand in an inherited file, unless they are about episodes.
+
+    Args:
+        kb: what they were found in; its files are read again.
+        findings: from `lint` and `lint_episodes`.
+    """
+    texts = {file: Path(file).read_text(encoding="utf-8") for file in kb.files}
+    places = _places(texts)
+    hidden = {(file, n): codes for file, text in texts.items() for n, codes in _ignores(text)}
+    placed = [replace(finding, place=_place(finding, places)) for finding in findings]
+    own = [
+        f for f in placed if f.code in _OF_EPISODES or not f.place or f.place.file in kb.files[-1:]
+    ]
+    shown = [finding for finding in own if not _is_hidden(finding, hidden)]
+    return tuple(sorted(shown, key=lambda f: (f.place or Place(""), f.code)))
+
+
+def _places(texts: Mapping[str, str]) -> dict[Keys, Place]:
+    """Return where each path of keys stands; later files change what earlier ones said."""
+    places: dict[Keys, Place] = {}
+    for file, text in texts.items():
+        # What a file removes is its own affair.
+        places = {path: place for path, place in places.items() if path[0] != "remove"}
+        for entry in entries(text):
+            mark = entry.key.start_mark
+            path = _normal(entry.path)
+            places[path] = Place(file, mark.line + 1, mark.column + 1)
+    return places
+
+
+def _normal(path: Keys) -> Keys:
+    if path[0] != "predicates" or len(path) < 2:
+        return path
+    return ("predicates", str(path[1]).partition("(")[0].strip())
+
+
+def _place(finding: Finding, places: Mapping[Keys, Place]) -> Place | None:
+    # A head is without a rule because this file removed it, most likely.
+    paths: list[Keys] = [("remove", "rules")] if finding.code == "SF004" else []
+    whole = finding.path
+    paths += [whole[:length] for length in range(len(whole), 0, -1)]
+    return next((places[path] for path in paths if path in places), None)
+
+
+def _ignores(text: str) -> Iterator[tuple[int, frozenset[str]]]:
+    """Yield the number of each line on which codes are ignored; no code means all."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if match := _IGNORE.search(line):
+            codes = frozenset(re.findall(r"SF\d+", match["codes"]))
+            yield number, codes
+            if line.lstrip().startswith("#"):
+                yield number + 1, codes
+
+
+def _is_hidden(finding: Finding, hidden: Mapping[tuple[str, int], frozenset[str]]) -> bool:
+    if finding.place is None or finding.place.line is None:
+        return False
+    codes = hidden.get((finding.place.file, finding.place.line))
+    return codes is not None and (not codes or finding.code in codes)

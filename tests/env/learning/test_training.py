@@ -1,0 +1,427 @@
+"""Setups and training: what is refused, and that a training which was stopped goes on."""
+
+import contextlib
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from stable_baselines3 import PPO
+from typer.testing import CliRunner
+
+from env.cli import app
+from env.driving.policies import file_hash
+from env.driving.policy_files import PolicyFile, act, actor_of, load_actor
+from env.driving.setup import Setup, load_setup, setup_names
+from env.learning import training
+from env.learning.journal import History
+from env.learning.new_model import new_model, untrained_model
+from env.learning.training import train
+from env.learning.vector_streets import make_streets
+from sfol import KnowledgeBase
+from sfol.errors import UsageError
+
+SETUPS = Path(__file__).parents[3] / "setups"
+SMALL = """
+version: 1
+name: small
+observation: state
+perception: truth
+stages: [{steps: 64, traffic: [low], occlusion: [partial]}]
+streets: 1
+checkpoint_steps: 16
+evaluation_steps: 1000
+evaluation_episodes: 1
+learning: {rollout_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
+"""
+
+
+@pytest.fixture
+def setup_file(tmp_path):
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    return path
+
+
+def steps_of(path):
+    return int(path.stem.split("-")[1])
+
+
+def test_the_papers_eight_setups_and_the_fast_one_are_there():
+    assert set(setup_names()) == {
+        *("add", "multiply", "ssi", "sf", "ce_ps", "pe_cs", "pe_ps", "risk_factors"),
+        "state",
+    }
+
+
+@pytest.mark.parametrize("name", setup_names())
+def test_bundled_setups_are_valid_and_on_this_street(name):
+    setup = load_setup(name)
+    assert setup.name == name
+    assert setup.description
+    grounding = KnowledgeBase.load(*setup.rules).grounding.model_dump()["segmentation"]
+    assert grounding["approaching"] == [15.0, 45.0]
+
+
+@pytest.mark.parametrize("path", sorted(SETUPS.glob("*/*.yaml")), ids=lambda path: path.stem)
+def test_the_main_setup_s_other_trainings_have_all_its_rules(path):
+    setup, main = load_setup(path), load_setup("add")
+    assert setup.name == path.stem
+    kept = ("rules", "observation", "fusion", "perception", "frames")
+    assert all(getattr(setup, key) == getattr(main, key) for key in kept)
+
+
+def test_stages_follow_one_another():
+    stages = [{"steps": 10, "traffic": ["low"]}, {"steps": 20, "traffic": ["medium", "high"]}]
+    setup = Setup.model_validate({"version": 1, "name": "s", "stages": stages})
+    assert setup.steps == 30
+    assert [setup.stage_at(step).traffic[0] for step in (0, 9, 10, 29, 99)] == [
+        *("low", "low", "medium", "medium", "medium")
+    ]
+    assert setup.stages[1].cells == (
+        *(("medium", "partial"), ("medium", "full")),
+        *(("high", "partial"), ("high", "full")),
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("observation", "observaton", "observaton.*did you mean 'observation'"),
+        ("state", "stat", "observation: Input should be"),
+        ("[low]", "[slow]", "traffic"),
+        ("streets: 1", "speed: true", "has ego's speed anyway"),
+        ("steps: 64", "steps: 0", "greater than 0"),
+        ("streets: 1", "streets: 3", "16 steps for an update.*3 streets: choose a multiple"),
+        ("layers: [8]", "whitening_steps: 64", "64 steps tell too little.*: choose 128 or more"),
+        ("version: 1", "version: [", "small.yaml:"),
+    ],
+)
+def test_mistakes_in_a_setup_are_named(setup_file, old, new, message):
+    setup_file.write_text(SMALL.replace(old, new, 1))
+    done = CliRunner().invoke(app, ["train", "--setup", str(setup_file)])
+    with pytest.raises(UsageError, match=message) as error:
+        load_setup(setup_file)
+    assert isinstance(done.exception, UsageError)
+    assert str(error.value) == str(done.exception)
+
+
+def test_an_unknown_setup_has_a_suggestion():
+    with pytest.raises(UsageError, match="did you mean 'multiply'"):
+        load_setup("multipy")
+
+
+def test_the_number_of_streets_is_an_option(setup_file, tmp_path):
+    command = ["train", "--setup", str(setup_file), "--output", str(tmp_path / "run")]
+    done = CliRunner().invoke(app, [*command, "--streets", "3"])
+    assert isinstance(done.exception, UsageError)
+    assert "3 streets: choose a multiple" in str(done.exception)
+    done = CliRunner().invoke(app, [*command, "--streets", "4"])
+    assert done.exit_code == 0
+    card = PolicyFile(tmp_path / "run" / "policy.safetensors").card()
+    assert card.setup == load_setup(setup_file).model_copy(update={"streets": 4})
+    assert card.steps == 64
+
+
+@pytest.mark.parametrize("speed", [False, True])
+def test_streets_in_processes_are_as_one_alone(speed):
+    """A worker draws, perceives, describes and rewards as a street does in this process."""
+    stages = [{"steps": 4096, "traffic": ["low"], "occlusion": ["full"]}]
+    chosen = {"version": 1, "name": "s", "stages": stages, "fusion": "ssi", "speed": speed}
+    setups = (Setup.model_validate({**chosen, "streets": count}) for count in (2, 1))
+    many, alone = (make_streets(setup, setup.stages[0].cells, seed=7) for setup in setups)
+    with contextlib.closing(many), contextlib.closing(alone):
+        np.testing.assert_array_equal(many.reset()[:1], alone.reset())
+        for pedal in (1.0, 1.0, -0.5):
+            observations, rewards, _, infos = many.step(np.array([[pedal], [0.2]], np.float32))
+            expected, reward, _, (info,) = alone.step(np.array([[pedal]], np.float32))
+            np.testing.assert_array_equal(observations[:1], expected)
+            np.testing.assert_allclose(rewards[:1], reward, rtol=1e-6)  # float64 and float32
+            assert infos[0] == info
+        assert np.abs(observations[0, :2048]).max() > 0.1
+        assert not np.array_equal(observations[0], observations[1])
+        top_speed = 40 / 3.6
+        assert observations.shape == (2, 2048 + speed)
+        assert not speed or observations[0, -1] == pytest.approx(20 * info["speed"] / top_speed)
+
+
+def streets_with(**learning):
+    setup = Setup.model_validate({**yaml.safe_load(SMALL), "learning": learning})
+    return setup, make_streets(setup, setup.stages[0].cells, seed=3)
+
+
+def test_scales_are_those_of_the_setup():
+    _, plain = streets_with()
+    _, scaled = streets_with(observation_scale=0.5, reward_scale=0.01)
+    with contextlib.closing(plain), contextlib.closing(scaled):
+        assert np.array_equal(0.5 * plain.reset(), scaled.reset())
+        rewards = []
+        for _ in range(601):  # until time is up, at the latest
+            one, reward, (done,), (info,) = plain.step(np.full((1, 1), 1.0))
+            two, other, _, (second,) = scaled.step(np.full((1, 1), 1.0))
+            assert np.array_equal(0.5 * one, two)
+            assert other == pytest.approx(0.5 * reward)  # 0.02, the default, is twice 0.01
+            rewards.append(reward.item())
+            if done:
+                break
+        assert done
+        assert sum(rewards) == pytest.approx(0.02 * info["episode"]["r"], rel=1e-4)
+        assert any(rewards)
+        last = 0.5 * info["terminal_observation"]
+        assert np.array_equal(last, second["terminal_observation"])
+        assert info["episode"]["r"] == second["episode"]["r"]  # told as the rules give it
+        assert scaled.observation_space.high.max() == 0.5
+
+
+def test_the_first_actions_are_drawn_around_the_setup_s_mean():
+    setup, streets = streets_with(mean_init=0.4, log_std_init=-1.0)
+    with contextlib.closing(streets):
+        model = untrained_model(setup, streets)
+        action, _ = model.predict(streets.reset(), deterministic=True)
+        assert action.item() == pytest.approx(0.4, abs=0.05)
+        assert (model.policy.log_std == -1.0).all()
+
+
+def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog, monkeypatch):
+    folder = tmp_path / "run"
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(steps, stage):
+        if steps == 40:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        train(load_setup(setup_file), folder, progress=stop)
+    checkpoints = sorted(folder.glob("checkpoint-*.zip"))
+    assert [steps_of(path) for path in checkpoints] == [16, 32]
+    checkpoints[-1].write_bytes(b"half a checkpoint")
+
+    seen = []
+    with caplog.at_level(logging.WARNING):
+        trained = train(
+            load_setup(setup_file), folder, progress=lambda steps, stage: seen.append(steps)
+        )
+    assert checkpoints[-1].name in caplog.text
+    assert "skipped" in caplog.text
+    assert seen == [16, *range(17, 65)]  # the first is told while streets are built
+    assert trained.steps == 64
+    assert not list(folder.glob("*.part*"))
+
+    # Stopped in the evaluation at the end, it has only that left to do.
+    (folder / "evaluations.jsonl").unlink()
+    seen.clear()
+    again = train(load_setup(setup_file), folder, progress=lambda steps, stage: seen.append(steps))
+    assert seen == []
+    assert [row["steps"] for row in again.evaluations] == [64]
+    assert again.episodes == trained.episodes
+
+    monkeypatch.setattr(training, "make_streets", None)  # there is nothing left to do
+    assert train(load_setup(setup_file), folder) == again
+
+
+def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_path):
+    text = SMALL.replace("steps: 64", "steps: 128").replace(
+        "rollout_steps: 16", "rollout_steps: 64"
+    )
+    setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 64})
+    folder = tmp_path / "run"
+
+    def stop(steps, stage):
+        if steps == 100:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(setup, folder, progress=stop)
+    # As if this had been written after the last checkpoint:
+    History(folder / "episodes.jsonl").append({"steps": 90, "seconds": 1.0, "return": 0.0})
+    trained = train(setup, folder)
+    assert [row["steps"] for row in trained.evaluations] == [64, 128]
+    assert all(row["success_low"] == row["success"] for row in trained.evaluations)
+    assert 90 not in {row["steps"] for row in trained.episodes}
+    assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+def pedals(file):
+    """Return what a written policy does on the first steps of a street."""
+    network, (_, streets) = file.network(), streets_with()
+    with contextlib.closing(streets):
+        observations, actions = streets.reset(), []
+        for _ in range(30):
+            actions.append(act(network, observations[0]))
+            observations, *_ = streets.step(np.array([actions[-1:]], np.float32))
+    return actions
+
+
+def test_a_training_starts_from_a_policy(setup_file, tmp_path):
+    setup = load_setup(setup_file)
+    first = PolicyFile(train(setup, tmp_path / "first").policy)
+    still = {"learning_rate": 1e-9, "last_learning_rate": 1e-9, "observation_scale": 0.1}
+    learning = setup.learning.model_copy(update={**still, "value_steps": 32})
+    changes = {"start": str(first.path), "learning": learning, "seed": 5}
+    told = []
+    second = PolicyFile(
+        train(
+            setup.model_copy(update=changes),
+            tmp_path / "second",
+            progress=lambda steps, text: told.append((steps, text)),
+        ).policy
+    )
+    # It has hardly learnt anything, so it drives as the first does, whatever scales and seeds.
+    np.testing.assert_allclose(pedals(first), pedals(second), atol=1e-5)
+    assert second.card().start_hash == file_hash(first.path)
+    assert first.card().start_hash is None
+    assert told[0] == (0, "building streets")
+    assert told[32] == (0, "learning its value, 32 of 32 steps")
+    assert told[33][0] == 1
+
+
+def test_nothing_worse_comes_of_a_training_than_it_starts_from(setup_file, tmp_path):
+    setup = load_setup(setup_file)
+    first = PolicyFile(train(setup, tmp_path / "first").policy)
+    # At this rate nothing is left of what it could do.
+    spoilt = {"learning_rate": 10.0, "value_steps": 16}
+    learning = setup.learning.model_copy(update=spoilt)
+    trained = train(
+        setup.model_copy(update={"start": str(first.path), "learning": learning}),
+        tmp_path / "second",
+    )
+    before, after = trained.evaluations
+    assert (before["steps"], after["steps"]) == (0, 64)
+    assert (after["success"], after["return"]) < (before["success"], before["return"])
+    policy = PolicyFile(trained.policy)
+    assert policy.card().steps == 0
+    assert policy.card().evaluation == {
+        key: value for key, value in before.items() if key not in {"steps", "seconds"}
+    }
+    np.testing.assert_allclose(pedals(first), pedals(policy), atol=1e-5)
+
+
+def test_the_value_of_a_policy_is_learnt_before_it_changes(setup_file, tmp_path):
+    first = train(load_setup(setup_file), tmp_path / "first").policy
+    learning = {"layers": [8], "rollout_steps": 512, "value_steps": 1024, "observation_scale": 1}
+    content = yaml.safe_load(SMALL) | {"start": str(first), "learning": learning}
+    setup = Setup.model_validate(content)
+    streets = make_streets(setup, setup.stages[0].cells, seed=3)
+    with contextlib.closing(streets):
+        untrained, model = untrained_model(setup, streets), new_model(setup, streets)
+        load_actor(untrained, PolicyFile(first), setup)
+        for one, other in zip(
+            actor_of(untrained).parameters(), actor_of(model).parameters(), strict=True
+        ):
+            assert np.array_equal(one.detach(), other.detach())
+            assert other.requires_grad
+        assert model.num_timesteps == 0
+        assert not model.policy.optimizer.state
+        assert value_error(model) < 0.5 * value_error(untrained)
+
+
+def value_error(model):
+    """Return how far off a model's value function was in a rollout before it learnt from that."""
+    model.learn(model.n_steps)
+    rollout = model.rollout_buffer
+    return np.square(rollout.returns - rollout.values).mean()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"start": "nowhere.safetensors"}, "there is no policy file 'nowhere.safetensors'"),
+        ({"start": "ttc_brake"}, r"can't start from 'ttc_brake' \(.*'trained', or a policy"),
+        ({"start": "policy.zip"}, "can't start from 'policy.zip'"),
+        ({"frames": 1}, r"with frames 2, and the setup has 1"),
+        ({"observation": "vsr"}, "with observation state, and the setup has vsr"),
+        ({"learning": {"layers": [9]}}, r"with layers \[8\], and the setup has \[9\]"),
+    ],
+)
+def test_a_policy_that_does_not_fit_is_refused_before_anything_is_written(
+    setup_file, tmp_path, change, message
+):
+    small = yaml.safe_load(SMALL) | {"frames": 2}
+    first = train(Setup.model_validate(small), tmp_path / "first").policy
+    content = small | {"start": str(first)} | change
+    with pytest.raises(UsageError, match=message):
+        train(Setup.model_validate(content), tmp_path / "second")
+    assert not (tmp_path / "second").exists()
+
+
+def test_a_setup_says_nothing_of_a_later_option_that_it_does_not_use():
+    """So it has the hash that results from before there was this option name."""
+    first = {"version": 1, "name": "s", "stages": [{"steps": 1, "traffic": ["low"]}]}
+    plain, changed = (Setup.model_validate(first | later) for later in ({}, {"critic": "state"}))
+    assert plain.hash != changed.hash
+    assert "critic" not in plain.model_dump_json()
+    assert Setup.model_validate_json(changed.model_dump_json()) == changed
+
+
+@pytest.mark.parametrize(("last", "greatest"), [(None, -1.0), (-3.0, -2.5)])
+def test_noise_falls_to_what_the_setup_says(tmp_path, last, greatest):
+    content = yaml.safe_load(SMALL)
+    content["learning"] |= {"last_log_std": last}
+    train(Setup.model_validate(content), tmp_path)
+    model = PPO.load(max(tmp_path.glob("checkpoint-*.zip")))
+    # Its last limit was set after 48 of 64 steps; one update came after that.
+    assert model.policy.log_std.max().item() == pytest.approx(greatest, abs=0.01)
+
+
+def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
+    text = SMALL.replace("steps: 64", "steps: 640").replace(
+        "rollout_steps: 16", "rollout_steps: 64"
+    )
+    told = {}
+    setup = Setup.model_validate(yaml.safe_load(text) | {"evaluation_steps": 1000})
+    trained = train(setup, tmp_path, progress=lambda steps, text: told.update({steps: text}))
+    first = trained.episodes[0]
+    assert told[first["steps"] - 1] == "low"
+    assert told[first["steps"]] == f"low, {first['is_success']:.0%} of 1 succeed"
+
+
+def test_the_policy_is_the_best_of_the_evaluations(setup_file, tmp_path, monkeypatch):
+    found = iter([(0.5, 1.0), (0.9, 2.0), (0.9, 1.0), (0.1, 9.0)])
+
+    def evaluate(model, setup):
+        success, total = next(found)
+        return {"success": success, "return": total}
+
+    monkeypatch.setattr(training, "evaluate_policy", evaluate)
+    setup = load_setup(setup_file).model_copy(update={"evaluation_steps": 16})
+    trained = train(setup, tmp_path / "run")
+    assert len(trained.evaluations) == 4
+    card = PolicyFile(trained.policy).card()
+    assert card.steps == trained.evaluations[1]["steps"] == 32
+    assert card.setup == setup
+    assert card.knowledge_base == "crossing"
+
+
+def test_every_street_drives_its_part_of_an_evaluation():
+    class Streets:
+        """Three streets; episodes of the first have one step, those of the others four."""
+
+        num_envs, step_number = 3, 0
+
+        def reset(self):
+            return np.zeros((3, 1))
+
+        def step(self, actions):
+            self.step_number += 1
+            dones = np.array([self.step_number % length == 0 for length in (1, 4, 4)])
+            return np.zeros((3, 1)), None, dones, [{"street": n} for n in range(3)]
+
+    class Model:
+        def predict(self, observations, deterministic):
+            return np.zeros((3, 1)), None
+
+    infos = list(training._endings(Model(), Streets(), 7))
+    assert sorted(info["street"] for info in infos) == [0, 0, 0, 1, 1, 2, 2]
+
+
+def test_a_folder_belongs_to_one_setup(setup_file, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    other = json.loads(load_setup(setup_file).model_dump_json()) | {"seed": 7}
+    (folder / "setup.json").write_text(json.dumps(other))
+    with pytest.raises(UsageError, match="another setup"):
+        train(load_setup(setup_file), folder)

@@ -1,0 +1,105 @@
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from env.perception.networks import load_autoencoder, load_segmenter
+from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
+from env.tools.frames import FIRST_SEEDS, frames_of_street
+from sfol.errors import UsageError
+from vsr.grounding import Camera
+from vsr.networks.weights import read_card
+from vsr.training.segmentation_quality import count, iou_table, total
+
+NETWORKS = {"segmenter": load_segmenter, "autoencoder": load_autoencoder}
+
+
+@pytest.fixture(scope="module")
+def held_out(street_of):
+    """Frames of a busy street that no network was trained on."""
+    street = street_of("high", "full")
+    return [frame for _, frame in frames_of_street(street, FIRST_SEEDS["test"] + 900_000, 8)]
+
+
+def test_the_shipped_segmenter_knows_the_street(street_of, held_out):
+    grounding = street_of("high", "full").pipeline.grounding
+    segmenter = load_segmenter(camera=grounding.camera)
+    iou = iou_table(total(count(segmenter, held_out, grounding)))
+    seen = [row["0-45 m"] for row in iou.values() if not np.isnan(row["0-45 m"])]
+    assert np.mean(seen) >= 0.8
+    assert iou["road"]["all"] >= 0.95
+
+
+def test_the_shipped_encoder_tells_frames_apart(street_of, held_out):
+    features = load_autoencoder(camera=street_of("high", "full").pipeline.grounding.camera)
+    maps = features.encode([held_out[0], held_out[-1]])
+    assert maps.shape == (2, 512, 7, 7)
+    assert (maps[0] - maps[1]).abs().mean() > 0.1 * maps.abs().mean()
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_the_shipped_card_says_what_the_weights_are(network):
+    card = read_card(weights_folder() / f"{network}.safetensors")
+    assert card.network == network
+    assert card.trained_on.train["seeds"][0] >= FIRST_SEEDS["train"]
+    assert card.trained_on.train["seeds"][1] < FIRST_SEEDS["validation"]
+    assert card.trained_on.validation["seeds"][1] < FIRST_SEEDS["test"]
+
+
+def test_the_shipped_weights_are_small():
+    sizes = {file.stem: file.stat().st_size for file in weights_folder().glob("*.safetensors")}
+    assert sizes.keys() == {*NETWORKS, "policy", "policy.codebook"}
+    assert sum(sizes.values()) <= 60e6
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A folder with the shipped weights, whose cards may be changed."""
+    for file in weights_folder().iterdir():
+        shutil.copy(file, tmp_path)
+    return tmp_path
+
+
+def change_card(card_file, **changes):
+    card = json.loads(card_file.read_text())
+    card["trained_on"].update(changes)
+    card_file.write_text(json.dumps(card))
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_weights_are_found_where_the_environment_or_an_argument_says(network, copied, monkeypatch):
+    load = NETWORKS[network]
+    load(copied)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(copied))
+    load()
+    monkeypatch.setenv(FOLDER_VARIABLE, str(copied / "nothing"))
+    with pytest.raises(UsageError, match=rf"no weights .*python -m vsr\.training {network}"):
+        load()
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_weights_for_frames_of_another_renderer_are_refused(network, copied):
+    change_card(copied / f"{network}.json", renderer="another one")
+    with pytest.raises(UsageError, match="knows frames of another one, not of pybullet"):
+        NETWORKS[network](copied)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_weights_for_another_lens_are_refused(network):
+    with pytest.raises(UsageError, match="a camera with fov 50, not 90"):
+        NETWORKS[network](camera=Camera(fov=90.0))
+
+
+def test_without_the_extra_one_line_says_what_to_install():
+    code = (
+        "import sys; sys.modules['segmentation_models_pytorch'] = None\n"
+        "from sfol.errors import MissingExtraError\n"
+        "try: import env.perception.networks\n"
+        "except MissingExtraError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "segmentation_models_pytorch" in done.stdout
+    assert "sfol[aeb]" in done.stdout

@@ -1,0 +1,32 @@
+"""The street's benchmark reports every stage. No time is asserted."""
+
+import json
+
+from typer.testing import CliRunner
+
+import env.tools.bench
+import sfol.tools.bench
+from env.cli import app
+
+
+def test_every_stage_is_reported(monkeypatch):
+    monkeypatch.setattr(sfol.tools.bench, "_SECONDS", 0.0)
+    monkeypatch.setattr(env.tools.bench, "_FRAMES", 1)
+    done = CliRunner().invoke(app, ["bench"])
+    assert done.exit_code == 0, done.output
+    figures = json.loads(done.stdout)
+    stages = {
+        "bare_frame",
+        "camera",
+        "segmenter",
+        "entities_and_facts",
+        "reward",
+        "descriptor_ssi",
+        "step",
+    }
+    assert stages == {name.removesuffix("_ms") for name in figures if name.endswith("_ms")}
+    others = {"entities_in_view", "step_over_bare_frame", "worker_mb"}
+    others |= {f"training_steps_per_second_{source}" for source in ("simulator", "unet")}
+    others |= {f"truth_steps_per_second_{traffic}" for traffic in ("low", "high")}
+    assert others == {name for name in figures if not name.endswith("_ms")}
+    assert all(value > 0 for value in figures.values())

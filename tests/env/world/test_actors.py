@@ -1,0 +1,270 @@
+"""How ego and people move, without a camera."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from env.world.actors import (
+    BESIDE_LANE,
+    RASH_REACTION,
+    RUNNING_PACE,
+    TRAFFIC,
+    Corridor,
+    Ego,
+    EgoParameters,
+    Pedestrians,
+    Walkers,
+)
+from env.world.world import StreetGeometry
+
+STREET = StreetGeometry()
+CAR = EgoParameters()
+CORRIDOR = Corridor(STREET.ego_lane, CAR.width)
+DT = 0.1
+
+
+def crowd(traffic="high", behaviour="hidden", seed=0):
+    rng = np.random.default_rng(seed)
+    return Pedestrians(TRAFFIC[traffic], behaviour, rng, STREET, CORRIDOR)
+
+
+def walk(people, ego_at, seconds):
+    """Yield the people after each step, ego being where `ego_at(time)` puts it."""
+    for step in range(round(seconds / DT)):
+        people.decide(ego_at(step * DT), DT)
+        people.advance(DT)
+        yield people
+
+
+def driven(action, seconds, ego=None):
+    ego = ego or Ego()
+    for _ in range(round(seconds * 100)):
+        ego = ego.after(action, 0.01)
+    return ego
+
+
+def test_full_throttle_approaches_the_top_speed_and_never_exceeds_it():
+    assert driven(1.0, 3.0).speed > 6.5
+    assert 0.99 * CAR.top_speed < driven(1.0, 60.0).speed <= CAR.top_speed
+
+
+def test_full_braking_takes_eight_metres_per_second_squared():
+    fast = Ego(speed=10.0)
+    stopped = driven(-1.0, 5.0, fast)
+    assert stopped.speed == 0.0
+    # 10²/(2·8) m and the lag of 0.15 s, less what drag and rolling do
+    assert 6.0 < stopped.position < 10.0**2 / 16 + 10.0 * 0.15
+
+
+def test_ego_never_reverses():
+    assert driven(-1.0, 2.0) == Ego(force=driven(-1.0, 2.0).force)
+
+
+def test_ego_rolls_to_a_stop():
+    assert driven(0.0, 30.0, Ego(speed=2.0)).speed == 0.0
+
+
+@pytest.mark.parametrize(("traffic", "count"), [("low", 10), ("medium", 25), ("high", 50)])
+def test_traffic_has_the_paper_s_numbers(traffic, count):
+    people, level = crowd(traffic), TRAFFIC[traffic]
+    paces = people._paces
+    assert len(people) == count
+    assert np.count_nonzero(paces == RUNNING_PACE) == round(level.running * count)
+    special_and_orderly = 1 + level.orderly
+    crossing = np.count_nonzero(~np.isnan(people._lines))
+    assert crossing == round(level.crossing * count) + special_and_orderly
+
+
+@pytest.mark.parametrize("behaviour", ["briefly_visible", "hidden"])
+def test_nobody_teleports(behaviour):
+    for seed in range(5):
+        people = crowd(behaviour=behaviour, seed=seed)
+        before = people.positions
+        for _ in walk(people, lambda t: Ego(position=5.0 * t, speed=5.0), 40.0):
+            moved = np.linalg.norm(people.positions - before, axis=1)
+            assert moved.max() <= np.hypot(RUNNING_PACE, 0.3) * DT + 1e-9
+            before = people.positions
+
+
+def test_people_stay_on_the_street():
+    people = crowd()
+    for _ in walk(people, lambda t: Ego(position=2.0 * t, speed=2.0), 60.0):
+        x, y = people.positions.T
+        assert STREET.start < x.min()
+        assert x.max() < STREET.end
+        assert STREET.near_wall < y.min()
+        assert y.max() < STREET.far_wall
+
+
+def test_crossings_end():
+    """A driver who waits long enough finds the road free."""
+    for seed in range(5):
+        people = crowd(seed=seed)
+        for _ in walk(people, lambda t: Ego(), 45.0):
+            pass
+        others = people.positions[1:]
+        assert STREET.on_sidewalk(others[:, 1]).all()
+
+
+def test_the_special_one_waits_for_ego():
+    people = crowd("low", "hidden")
+    start = people.positions[0]
+    for _ in walk(people, lambda t: Ego(), 20.0):
+        pass
+    assert np.array_equal(people.positions[0], start)
+    assert STREET.on_sidewalk(start[1:])
+
+
+def test_the_special_one_crosses_before_a_slow_ego():
+    people = crowd("low", "hidden")
+    for _ in walk(people, lambda t: Ego(position=min(2.0 * t, 57.0), speed=2.0), 40.0):
+        pass
+    assert people.positions[0, 1] > STREET.far_kerb
+
+
+def test_the_special_one_crosses_before_an_ego_that_gives_way():
+    people = crowd("low", "hidden")
+    for _ in walk(people, lambda t: Ego(position=52.0), 12.0):
+        pass
+    assert people.positions[0, 1] > STREET.far_kerb
+
+
+def test_nobody_but_the_special_one_enters_the_lane_unless_ego_can_stop():
+    """Whoever comes within half a metre of ego's way leaves ego its stopping distance."""
+    entries = 0
+    for seed in range(8):
+        people, ego = crowd(seed=seed), Ego()
+        line = CAR.width / 2 + 0.3 + 0.5
+        beside = np.abs(people.positions[:, 1] - CORRIDOR.centre) <= line
+        while ego.position < STREET.goal:
+            people.decide(ego, DT)
+            gaps = people.positions[:, 0] - 0.3 - ego.position
+            need = BESIDE_LANE.stopping_distance(ego.speed)
+            ego = driven(1.0, DT, ego)
+            people.advance(DT)
+            now = np.abs(people.positions[:, 1] - CORRIDOR.centre) <= line
+            entered = now & ~beside & (gaps > -CAR.length)
+            entered[0] = False
+            assert (gaps[entered] >= need).all()
+            entries += np.count_nonzero(entered)
+            beside = now
+    assert entries > 0
+
+
+def test_the_stopping_distance_granted_is_one_that_ego_has():
+    for speed in (2.0, 5.0, 8.0, CAR.top_speed):
+        ego = driven(1.0, 0.2, Ego(speed=speed, force=CAR.drive))
+        ego = driven(-1.0, 5.0, ego)
+        assert ego.position < BESIDE_LANE.stopping_distance(speed)
+
+
+def braking_distance(speed):
+    """Return how far ego goes that drives on for a step and then brakes fully, in m."""
+    ego = driven(1.0, DT, Ego(speed=speed, force=CAR.drive))
+    return driven(-1.0, 5.0, ego).position
+
+
+def test_the_special_one_leaves_room_to_a_slow_ego_and_not_always_to_a_fast_one():
+    def least_room(speed):
+        return RASH_REACTION[0] * speed + BESIDE_LANE.margin
+
+    assert braking_distance(10 / 3.6) < least_room(10 / 3.6)
+    assert braking_distance(40 / 3.6) > least_room(40 / 3.6)
+
+
+def test_the_special_one_steps_before_ego_as_near_as_it_dares():
+    grants = []
+    for seed in range(30):
+        people, ego = crowd("low", "hidden", seed), Ego()
+        line = CAR.width / 2 + 0.3 + 0.5
+        while ego.position < STREET.goal:
+            people.decide(ego, DT)
+            before = abs(people.positions[0, 1] - CORRIDOR.centre)
+            gap, speed = people.positions[0, 0] - 0.3 - ego.position, ego.speed
+            ego = driven(1.0, DT, ego)
+            people.advance(DT)
+            if before > line >= abs(people.positions[0, 1] - CORRIDOR.centre) and gap > 0:
+                grants.append((gap - BESIDE_LANE.margin) / speed)
+    assert min(grants) >= RASH_REACTION[0]
+    assert max(grants) - min(grants) > 0.4
+    assert len(grants) > 10
+
+
+def test_where_nobody_is_special_and_nobody_crosses_everybody_stays_on_the_sidewalks():
+    calm = replace(TRAFFIC["high"], crossing=0.0, orderly=0)
+    people = Pedestrians(calm, None, np.random.default_rng(1), STREET, CORRIDOR)
+    for _ in walk(people, lambda t: Ego(position=5.0 * t, speed=5.0), 30.0):
+        assert STREET.on_sidewalk(people.positions[:, 1]).all()
+
+
+def test_walkers_walk_on_whatever_comes():
+    people = Walkers(np.array([[60.0, -8.0], [3.0, 4.0]]), np.array([[0.0, 1.4], [1.0, 0.0]]))
+    for _ in walk(people, lambda t: Ego(position=60.0), 3.0):
+        pass
+    assert people.positions == pytest.approx(np.array([[60.0, -3.8], [6.0, 4.0]]))
+    assert people.speeds == pytest.approx([1.4, 1.0])
+
+
+def test_a_shallow_copy_of_people_walks_its_own_way():
+    people = crowd()
+    other = copy.copy(people)
+    before = {name: np.copy(value) for name, value in vars(people).items() if is_array(value)}
+    for _ in walk(other, lambda t: Ego(position=4.0 * t, speed=4.0), 30.0):
+        pass
+    assert all(np.array_equal(before[n], vars(people)[n], equal_nan=True) for n in before)
+    assert not np.array_equal(people.positions, other.positions)
+
+
+def is_array(value):
+    return isinstance(value, np.ndarray)
+
+
+def test_nobody_walks_into_a_standing_car():
+    ego = Ego(position=63.0)
+    for seed in range(5):
+        people = crowd(seed=seed)
+        for _ in walk(people, lambda t: ego, 30.0):
+            x, y = people.positions.T
+            inside = (x > ego.rear - 0.3) & (x < ego.position + 0.3)
+            assert (np.abs(y - CORRIDOR.centre)[inside] > CAR.width / 2 + 0.3).all()
+
+
+def at(x, y, vx=0.0, vy=0.0):
+    return np.array([[[x, CORRIDOR.centre + y]]]), np.array([[vx, vy]])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "vy", "distance"),
+    [
+        (60.0, 0.0, 0.0, 9.7),  # in the corridor
+        (60.0, 4.0, -1.0, np.hypot(10.0, 3.1) - 0.3),  # in it after 2.5 s
+        (60.0, -4.0, 1.0, np.hypot(10.0, 3.1) - 0.3),  # from the other side
+        (60.0, 4.0, 1.0, np.inf),  # walks away
+        (60.0, 4.0, 0.0, np.inf),  # stands on the sidewalk
+        (60.0, 6.0, -1.0, np.inf),  # in it after 4.5 s
+        (49.0, 0.0, 0.0, np.inf),  # behind the bumper
+        (50.2, 0.0, 0.0, 0.01),  # closer than any contact has been found
+    ],
+)
+def test_distance_counts_who_is_or_will_be_in_the_way(x, y, vy, distance):
+    positions, velocities = at(x, y, vy=vy)
+    found = CORRIDOR.distances(np.array([50.0]), positions, velocities)
+    assert found.item() == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("y", "vy", "speed", "ttc"),
+    [
+        (0.0, 0.0, 5.0, 9.7 / 5.0),
+        (0.0, 0.0, 0.0, np.inf),  # at rest
+        (3.0, -1.5, 5.0, 9.7 / 5.0),  # will be there
+        (3.0, 0.0, 5.0, np.inf),  # stands beside
+        (0.0, 1.5, 5.0, np.inf),  # will have left
+    ],
+)
+def test_time_to_collision_counts_who_is_there_when_ego_is(y, vy, speed, ttc):
+    positions, velocities = at(60.0, y, vy=vy)
+    found = CORRIDOR.times_to_collision(np.array([50.0]), np.array([speed]), positions, velocities)
+    assert found.item() == pytest.approx(ttc)

@@ -1,0 +1,76 @@
+"""The benchmark: what it repeats, and that it reports every figure. No time is asserted."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import sfol.tools.bench
+from sfol import Facts, KnowledgeBase, RewardFunction
+from sfol.cli.app import app
+from sfol.errors import KnowledgeBaseError
+from sfol.tools.bench import busiest, measure, repeated
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(sfol.tools.bench, "_SECONDS", 0.0)
+    monkeypatch.setattr(sfol.tools.bench, "SIZES", (1, 3))
+    monkeypatch.setattr(sfol.tools.bench, "BATCHES", (1, 4))
+    monkeypatch.setattr(sfol.tools.bench, "GRADIENT_SCENES", 4)
+    monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: name == "torch")
+
+
+def test_the_scene_is_the_richest_test_and_its_busiest_entity():
+    kb = KnowledgeBase.load("aeb")
+    case, entity = busiest(kb)
+    assert (case.name, entity) == ("a busy street with much to see at once", "p1")
+
+
+def test_an_entity_is_repeated_with_all_that_is_said_of_it():
+    kb = KnowledgeBase.load("aeb")
+    case, entity = busiest(kb)
+    facts = Facts()
+    for (predicate, arguments), bound in repeated(kb, case, entity, 4):
+        facts.add(predicate, *arguments, bound=bound)
+    for predicate in ("Pedestrian", "OnRoad", "CenterOf", "IsNear"):
+        assert len(facts.relation(predicate)) == 4
+    assert len(facts.relation("Vehicle")) == 2
+    once = RewardFunction(kb).evaluate(Facts.parse(case.facts), **case.signals)
+    assert RewardFunction(kb).evaluate(facts, **case.signals).confidences == pytest.approx(
+        once.confidences, abs=0.05
+    )
+
+
+def test_every_figure_is_reported(quick):
+    stages = []
+    figures = measure(KnowledgeBase.load("aeb"), progress=stages.append)
+    assert stages == ["import", "single", "batch", "gradient"]
+    assert set(figures["single"]) == {"1", "3"}
+    assert set(figures["batch"]) == {"1", "4"}
+    assert all(value > 0 for row in figures["single"].values() for value in row.values())
+    assert figures["gradient"]["ratio"] > 0
+
+
+def test_the_command_prints_json_and_tables(quick):
+    done = CliRunner().invoke(app, ["bench", "aeb", "--json"])
+    assert json.loads(done.stdout)["knowledge_base"] == "aeb"
+    shown = CliRunner().invoke(app, ["bench", "cartpole"]).stdout
+    assert "scenes a second" in shown
+    assert "repeated: pole" in shown
+
+
+def test_a_file_without_a_scene_is_an_error(kitchen):
+    with pytest.raises(KnowledgeBaseError, match="has no test with an entity besides 'cook'"):
+        measure(kitchen())
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_the_start_without_a_cache_can_be_left_out(quick, monkeypatch, left_out):
+    monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: name == "pyreason")
+    monkeypatch.setattr(sfol.tools.bench, "_single", lambda *_: {})
+    monkeypatch.setattr(sfol.tools.bench, "ready", lambda: {"ready_in_a_new_process_s": 7.0})
+    monkeypatch.setattr(sfol.tools.bench, "ready_compared", lambda: {"cold_s": 590.0})
+    figures = measure(KnowledgeBase.load("aeb"), quick=left_out)
+    assert figures["pyreason_start"] == {"ready_in_a_new_process_s": 7.0}
+    assert ("pyreason_start_compared" in figures) == (not left_out)

@@ -1,0 +1,84 @@
+"""The dependency graph, and its drawings."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import networkx as nx
+import pytest
+
+from sfol import KnowledgeBase
+from sfol.knowledge_base.loading import bundled_names
+from sfol.tools.graph import Node, dependency_graph, mermaid, svg
+from tests.sfol.command_line import sfol
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def aeb():
+    return KnowledgeBase.load("aeb")
+
+
+def test_it_leads_from_what_is_seen_to_what_is_rewarded(aeb):
+    graph = dependency_graph(aeb)
+    path = [Node("predicate", "Truck"), Node("rule", "truck_is_vehicle"), Node("head", "Vehicle"),
+            Node("rule", "safe2"), Node("head", "safe2"), Node("weight", "safety"),
+            Node("term", "safety")]  # fmt: skip
+    assert nx.is_path(graph, path)
+    assert nx.is_directed_acyclic_graph(graph)
+    assert not list(graph.successors(Node("predicate", "IsNear")))
+    assert Node("term", "comfort") in graph
+    assert graph.edges[Node("head", "safe1"), Node("weight", "safety")] == {"coefficient": 1.0}
+
+
+def test_every_node_and_edge_is_in_both_drawings(aeb):
+    graph = dependency_graph(aeb)
+    text = mermaid(aeb)
+    assert text.startswith("flowchart LR\n")
+    assert len(re.findall(r"-->|-\.->", text)) == graph.number_of_edges()
+    assert len(re.findall(r"^    n\d+[\[({]", text, re.M)) == len(graph)
+    drawing = ET.fromstring(svg(aeb))
+    assert len(drawing.findall(f"{SVG}path")) == graph.number_of_edges()
+    boxes = {g.findtext(f"{SVG}title") for g in drawing.findall(f"{SVG}g")}
+    assert boxes == {f"{node.kind} {node.name}" for node in graph}
+
+
+def test_boxes_do_not_overlap_and_edges_run_to_the_right(aeb):
+    drawing = ET.fromstring(svg(aeb))
+    rects = [
+        tuple(float(rect.get(key)) for key in ("x", "y", "width", "height"))
+        for rect in drawing.iter(f"{SVG}rect")
+    ]
+    for i, (x, y, w, h) in enumerate(rects):
+        for X, Y, W, H in rects[i + 1 :]:
+            assert x + w <= X or x >= X + W or y + h <= Y or y >= Y + H
+    for path in drawing.iter(f"{SVG}path"):
+        xs = [float(x) for x in re.findall(r"(?:[MCH ])([\d.]+)", path.get("d"))]
+        assert xs == sorted(xs)
+
+
+def test_negation_and_coefficients_are_drawn(kitchen):
+    kb = kitchen({"Hot(P), Near": "not Hot(P), Near", "careful: 1.0": "careful: 0.5"})
+    assert "-.->|not|" in mermaid(kb)
+    assert "-->|0.5|" in mermaid(kb)
+    assert "stroke-dasharray" in svg(kb)
+
+
+def test_names_cannot_break_the_drawings(kitchen):
+    kb = kitchen({"  care: careful": "  '<b>\"&': careful"})
+    assert "#quot;" in mermaid(kb)
+    assert ET.fromstring(svg(kb)) is not None
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_every_bundled_knowledge_base_can_be_drawn(name):
+    kb = KnowledgeBase.load(name)
+    assert ET.fromstring(svg(kb)) is not None
+    assert mermaid(kb)
+
+
+def test_the_command(aeb):
+    assert sfol("graph", "aeb").out == mermaid(aeb)
+    assert sfol("graph", "aeb", "--format", "svg").out == svg(aeb)
+    assert sfol("graph", "aeb", "--format", "png").code == 2
+    assert "did you mean 'aeb'" in sfol("graph", "aebb").err

@@ -1,0 +1,204 @@
+"""Lint: each code on a knowledge base that deserves it, and silence on one that does not."""
+
+import math
+
+import pytest
+
+from sfol import Facts, KnowledgeBase, RewardFunction
+from sfol.logs import Log, LoggedEpisode, LoggedStep, LogWriter
+from sfol.tools.lint import lint, lint_episodes, located
+from sfol.tools.replay import replay
+from tests.sfol.command_line import RULES, sfol
+from tests.sfol.conftest import KITCHEN
+
+RULE = "careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X)."
+QUIET = {"  Lid(X): X has a lid on.\n": ""}
+
+
+def codes(kb):
+    return [finding.code for finding in lint(kb)]
+
+
+def only(kb, code):
+    (finding,) = [finding for finding in lint(kb) if finding.code == code]
+    return finding
+
+
+def test_nothing_is_odd_about_the_kitchen_but_its_average(kitchen):
+    assert codes(kitchen(QUIET)) == ["SF006"]
+    assert codes(kitchen(QUIET, "groundings: best")) == []
+    assert codes(kitchen(QUIET, "conjunction: product")) == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "reason"),
+    [
+        ("careful(X) :- Person(X), X != X.", "'X != X' is never true"),
+        ("careful(X) :- a(X).\n  a: a(X) :- b(X).\n  b: b(X) :- Pot(X), X != X.", "concludes 'a'"),
+        ("{rule: 'careful(X) :- Pot(X), not Pot(X).', threshold: 0.6}", "exclude each other"),
+        ("{rule: 'careful(X) :- Pot(X), not Pot(X).', negation_threshold: 1}", "exclude each other"),
+    ],
+)  # fmt: skip
+def test_sf001_rules_that_never_fire(kitchen, rule, reason):
+    found = [f for f in lint(kitchen({RULE: rule})) if f.code == "SF001"]
+    assert any(reason in finding.message for finding in found)
+    assert ("rules", "care") in [finding.path for finding in found]
+    assert "SF002" not in codes(kitchen({RULE: rule}))
+
+
+def test_sf001_a_declared_head_may_be_observed(kitchen):
+    kb = kitchen({RULE: f"{RULE}\n  hot: Hot(X) :- Lid(X), X != X."})
+    assert [f.path for f in lint(kb) if f.code == "SF001"] == [("rules", "hot")]
+
+
+def test_sf001_is_right_about_what_fires(kitchen):
+    """At the default thresholds P and not P both hold of an atom that is hardly true."""
+    kb = kitchen({RULE: "careful(X) :- Pot(X), not Pot(X)."})
+    assert "upper bound is at most 0.5" in only(kb, "SF002").message
+    facts = Facts.parse("Pot(cook): [0.1, 0.4].")
+    assert RewardFunction(kb).evaluate(facts, speed=1.0).bounds["careful"] is not None
+
+
+def test_sf003_predicates_that_nothing_reads(kitchen):
+    assert only(kitchen(), "SF003").path == ("predicates", "Lid")
+    read = {"rules:": "entity_weights: [{when: Lid(X), weight: 1}]\nrules:"}
+    assert "SF003" not in codes(kitchen(read))
+
+
+def test_sf004_weights_without_a_rule(tmp_path):
+    (tmp_path / "kitchen.yaml").write_text(KITCHEN.replace("{SEMANTICS}", "{}"))
+    path = tmp_path / "bare.yaml"
+    path.write_text("version: 1\nname: bare\nextends: kitchen\nremove:\n  rules: [care]\n")
+    kb = KnowledgeBase.load(path)
+    (finding,) = [f for f in located(kb, lint(kb)) if f.code == "SF004"]
+    assert "'careful', which no rule concludes" in finding.message
+    assert (finding.place.file, finding.place.line) == (str(path), 5)
+
+
+@pytest.mark.parametrize(
+    ("other", "subsumed"),
+    [
+        ("careful(Y) :- Near(Q, Y), Pot(Q), Person(Y).", "care"),
+        ("careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X), Lid(P).", "other"),
+        (RULE, "other"),
+        ("careful(X) :- Person(X), Pot(Q), Hot(P), Near(P, X).", "care"),
+        ("careful(X) :- Person(X), Pot(P), Hot(P), Near(X, P).", None),
+        ("careful(X) :- Person(X), Pot(P), not Hot(P), Near(P, X).", None),
+        ("careful(X) :- Person(X), Near(P, X), P != X.", None),
+        ("{rule: 'careful(X) :- Person(X), Near(P, X).', threshold: 0.5}", None),
+    ],
+)
+def test_sf005_subsumed_rules(kitchen, other, subsumed):
+    kb = kitchen({RULE: f"{RULE}\n  other: {other}"})
+    found = [finding.path[1] for finding in lint(kb) if finding.code == "SF005"]
+    assert found == ([subsumed] if subsumed else [])
+
+
+def test_sf005_says_what_the_rule_still_does(kitchen):
+    more = {RULE: f"{RULE}\n  other: {RULE}"}
+    assert "only raise the average" in only(kitchen(more), "SF005").message
+    assert "changes nothing" in only(kitchen(more, "conjunction: minimum"), "SF005").message
+
+
+# -- recorded episodes ----------------------------------------------------------------------------
+
+
+def log_of(*episodes):
+    """A log from (ending, haste at every step)."""
+    scene = Facts.parse("Pot(p). Hot(p). Near(p, cook).")
+    return Log("kitchen", "", "", tuple(
+        LoggedEpisode(i, ending, tuple(LoggedStep(t, scene, {"speed": s}) for t, s in enumerate(speeds)))
+        for i, (ending, speeds) in enumerate(episodes)
+    ))  # fmt: skip
+
+
+def test_sf007_a_term_that_dominates(kitchen):
+    kb = kitchen({"k: 2.0}}": "k: 2.0}}\n  rest: {weight: 1, formula: 0.01 * speed}"})
+    episodes = replay(log_of(("success", [1.0, 2.0])), kb)
+    (finding,) = lint_episodes(kb, episodes)
+    assert (finding.code, finding.path) == ("SF007", ("terms", "haste"))
+    assert "99.5% of all reward" in finding.message
+    assert lint_episodes(kb, episodes, dominant=0.999) == ()
+
+
+def test_sf007_one_term_alone_is_no_finding(kitchen):
+    kb = kitchen()
+    assert lint_episodes(kb, replay(log_of(("success", [1.0])), kb)) == ()
+
+
+def test_sf008_returns_in_the_wrong_order(kitchen):
+    kb = kitchen()
+    drives = (("collision", [9.0]), ("timeout", [0.0]), ("success", [1.0]), ("other", [5.0]))
+    (finding,) = lint_episodes(kb, replay(log_of(*drives), kb))
+    assert finding.code == "SF008"
+    assert "'timeout' return 0 on average" in finding.message
+    assert "'success' only -2" in finding.message
+    assert lint_episodes(kb, replay(log_of(*drives), kb), endings=("collision", "success")) == ()
+
+
+# -- places, comments, the command ----------------------------------------------------------------
+
+
+@pytest.fixture
+def odd(tmp_path):
+    path = tmp_path / "kitchen.yaml"
+    path.write_text(KITCHEN.replace("{SEMANTICS}", "{groundings: best}"))
+    return path
+
+
+def test_findings_have_a_place(odd):
+    done = sfol("lint", odd)
+    assert done.code == 1
+    assert done.out == (
+        f"{odd}:9:3: SF003 nothing reads the predicate 'Lid' — remove it, or use it in a rule\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("comment", "hides"),
+    [
+        ("  # sfol: ignore SF003", True),
+        ("  # sfol: ignore SF001, SF003", True),
+        ("  # sfol: ignore", True),
+        ("  #sfol:ignore SF003: others may read it", True),
+        ("  # sfol: ignore SF004", False),
+        ("  # sfol: ignored by all", False),
+    ],
+)
+def test_a_comment_hides_a_finding(odd, comment, hides):
+    line = "  Lid(X): X has a lid on.\n"
+    text = odd.read_text()
+    for changed in (line.replace("\n", comment + "\n"), comment + "\n" + line):
+        odd.write_text(text.replace(line, changed))
+        assert sfol("lint", odd).code == (0 if hides else 1)
+    odd.write_text(text.replace(line, line + comment + "\n"))
+    assert sfol("lint", odd).code == 1
+
+
+def test_infos_are_no_failure_and_what_is_inherited_is_not_told_again():
+    done = sfol("lint", RULES / "aeb.yaml", RULES / "crossing.yaml")
+    lines = [line for line in done.out.splitlines() if "SF006" in line]
+    assert len(lines) == 1
+    assert "aeb.yaml" in lines[0]
+    levels = {
+        finding.level for finding in lint(KnowledgeBase.load("aeb")) if finding.code == "SF006"
+    }
+    assert levels == {"info"}
+
+
+def test_a_log_on_the_command_line(tmp_path):
+    path = tmp_path / "drives.parquet"
+    scene = Facts.parse("Pedestrian(p). OnRoad(p). CenterOf(p, ego). Wheel(w).")
+    with LogWriter(path, KnowledgeBase.load("aeb")) as log:
+        for ending, distance in (("collision", math.inf), ("success", 0.0)):
+            log.step(scene, time=0.0, v=5.0, v_next=5.0, d=distance)
+            log.end_episode(ending)
+    done = sfol("lint", "aeb", "--log", path)
+    assert done.code == 1
+    assert "SF007 the term 'safety' is 100.0% of all reward" in done.out
+    assert "SF008 episodes that end with 'collision' return 0 on average" in done.out
+    assert "note: 'aeb' does not know Wheel; left out" in done.err
+    assert sfol("lint", "aeb", "--log", tmp_path / "none").code == 2
+    mild = sfol("lint", "aeb", "--log", path, "--dominant", 1, "--endings", "success<collision")
+    assert "SF007" not in mild.out
+    assert "SF008" not in mild.out
