@@ -78,6 +78,7 @@ def test_a_file_without_a_scene_is_an_error(kitchen):
 def test_the_start_without_a_cache_can_be_left_out(quick, monkeypatch, left_out):
     monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: name == "pyreason")
     monkeypatch.setattr(sfol.tools.bench, "_single", lambda *_: {})
+    monkeypatch.setattr(sfol.tools.bench, "_gradient", lambda *_: None)
     monkeypatch.setattr(sfol.tools.bench, "ready", lambda: {"ready_in_a_new_process_s": 7.0})
     monkeypatch.setattr(sfol.tools.bench, "ready_compared", lambda: {"cold_s": 590.0})
     figures = measure(KnowledgeBase.load("aeb"), quick=left_out)
