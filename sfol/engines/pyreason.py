@@ -29,7 +29,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sfol.engines.compiled import CompiledEngine, Conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
 from sfol.engines.tables import Constants, Tables
@@ -209,7 +210,7 @@ class PyReasonEngine:
             derived |= conclusions
             for atom, bound in conclusions.items():
                 tables.put(atom, bound)
-        return Conclusions(tables, derived)
+        return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
         scene = _Scene(self._kb, tables)
