@@ -212,6 +212,10 @@ class Pinhole:
         below = row - self.horizon
         return self.focal * self.height / below if below > 0 else math.inf
 
+    def lateral(self, column: float, distance: float) -> float:
+        """Return X in m of what a column shows at a distance Z in m."""
+        return (column - self.middle) * distance / self.focal
+
     def columns(self, lateral: float, rows: FloatArray) -> FloatArray:
         """Return the columns at which the rows show the road X m to the right of the middle."""
         return self.middle + lateral * self._pixels_per_metre(rows)

@@ -9,7 +9,7 @@ import torch
 
 from env.demo.episode import Episode, SeenEntity, Step
 from env.driving.drivers import Driver
-from env.driving.rollout import Transition, rollout
+from env.driving.rollout import DrivenStep, rollout
 from env.street.crossing import OccludedCrossing
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
@@ -44,7 +44,7 @@ def drive(
     """
     descriptor = SceneDescriptor(Codebook(), street.pipeline.grounding)
     steps: list[Step] = []
-    for transition in rollout(street, driver, seed, frames=True):
+    for transition in rollout(street, driver, seed, frames_every=1):
         steps.append(_recorded(transition, street, descriptor))
         progress(steps[-1])
     return Episode(
@@ -61,11 +61,11 @@ def drive(
 
 
 def _recorded(
-    transition: Transition, street: OccludedCrossing, descriptor: SceneDescriptor
+    transition: DrivenStep, street: OccludedCrossing, descriptor: SceneDescriptor
 ) -> Step:
     scene, frame, reward = transition.scene, transition.frame, street.pipeline.reward
     assert frame is not None  # it was asked for
-    weights = reward.entity_weights(scene.facts, [entity.name for entity in scene.entities])
+    weights = reward.entity_weights(scene.conclusions, [entity.name for entity in scene.entities])
     about = _atoms_by_entity(scene.facts)
     moving = [weights[entity.name] for entity in scene.entities if entity.kind in DYNAMIC_CLASSES]
     with torch.inference_mode():
@@ -93,10 +93,10 @@ def _recorded(
             for entity in scene.entities
         ),
         facts=str(scene.facts),
-        reward=transition.reward,
-        terms=transition.parts("reward_"),
-        weights=transition.parts("weight_"),
-        confidences=transition.parts("confidence_"),
+        reward=transition.outcome.reward,
+        terms=dict(transition.outcome.terms),
+        weights=dict(transition.outcome.weights),
+        confidences=dict(transition.outcome.confidences),
         descriptor=bundle.numpy(),
     )
 

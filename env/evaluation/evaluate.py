@@ -14,19 +14,21 @@ from typing import NamedTuple, get_args
 
 from env.driving.drivers import Driver
 from env.driving.policies import TRAINED, file_hash, make_driver, policy_file
-from env.driving.rollout import Ending, Transition, rollout
+from env.driving.rollout import DrivenStep, Ending, rollout
 from env.driving.setup import DISCOUNT
 from env.evaluation import metrics
 from env.evaluation.parallel import in_order
 from env.evaluation.statistics import Mean, Share
 from env.street.crossing import OccludedCrossing
+from env.street.seeds import FINAL_TEST
 from env.street.variants import QuietStreet
+from env.street.view import Street
 from env.world import kinematics
 from env.world.cells import Cell
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LoggedStep
 
-FIRST_SEED = 10_000  # of evaluation; nothing is ever tuned or trained on these seeds
+FIRST_SEED = FINAL_TEST.start
 
 
 @dataclass(frozen=True)
@@ -259,7 +261,7 @@ def evaluate(
 
 
 def drive_episode(
-    street: OccludedCrossing,
+    street: Street,
     driver: Driver,
     seed: int,
     *,
@@ -275,14 +277,12 @@ def drive_episode(
         discount: γ of the discounted return.
         logs: whether facts and signals of every step are kept.
     """
-    reward = street.pipeline.reward
     steps: list[_Step] = []
     log: list[LoggedStep] = []
     for transition in rollout(street, driver, seed):
-        facts = transition.scene.facts
-        steps.append(_Step.of(transition, reward.conclude(facts).fired))
+        steps.append(_Step.of(transition))
         if logs:
-            log.append(LoggedStep(transition.time, facts, transition.signals))
+            log.append(LoggedStep(transition.time, transition.scene.facts, transition.signals))
     return DrivenEpisode(_measured(street, seed, steps, transition, discount), tuple(log))
 
 
@@ -346,23 +346,23 @@ class _Step(NamedTuple):
     rules: frozenset[str]
 
     @classmethod
-    def of(cls, transition: Transition, rules: frozenset[str]) -> _Step:
-        info, confidences = transition.info, transition.parts("confidence_")
+    def of(cls, transition: DrivenStep) -> _Step:
+        info, confidences = transition.info, transition.outcome.confidences
         return cls(
             speed=transition.speed,
             speed_next=info["speed"],
             distance=info["distance"],
             ttc=info["ttc"],
             crosswalk_free=transition.crosswalk_free,
-            reward=transition.reward,
-            weights=transition.parts("weight_"),
+            reward=transition.outcome.reward,
+            weights=transition.outcome.weights,
             heads=[head for head, confidence in confidences.items() if confidence > 0.0],
-            rules=rules,
+            rules=transition.outcome.fired,
         )
 
 
 def _measured(
-    street: OccludedCrossing, seed: int, steps: Sequence[_Step], last: Transition, discount: float
+    street: Street, seed: int, steps: Sequence[_Step], last: DrivenStep, discount: float
 ) -> EpisodeResult:
     kb, dt, info = street.pipeline.kb, street.control_dt, last.info
     speeds = [steps[0].speed, *(step.speed_next for step in steps)]

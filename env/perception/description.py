@@ -84,5 +84,5 @@ class Describer:
         return vectors
 
     def _weights(self, scene: Scene, names: Sequence[str]) -> list[float]:
-        weights = self._reward.entity_weights(scene.facts, names)
+        weights = self._reward.entity_weights(scene.conclusions, names)
         return [weights[name] for name in names]

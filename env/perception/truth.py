@@ -42,7 +42,7 @@ class TruthPerception:
         evidence = RayEvidence(self._rays.cast(front, people), self._rays, grounding)
         atoms = unrated_atoms(evidence, grounding, pinhole, self._pipeline.kb.subject)
         facts = add_facts(self._pipeline.reward.facts(), evidence.entities, atoms, grounding)
-        return Scene(evidence.entities, facts)
+        return self._pipeline.scene(evidence.entities, facts)
 
 
 class RayEvidence:

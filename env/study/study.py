@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import sfol
 from env.driving.policies import file_hash, make_driver
-from env.driving.rollout import Transition, rollout
+from env.driving.rollout import DrivenStep, rollout
 from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.results import versions
@@ -258,16 +258,16 @@ class _Moment(NamedTuple):
     weights: Mapping[str, float]
 
     @classmethod
-    def of(cls, transition: Transition) -> _Moment:
+    def of(cls, transition: DrivenStep) -> _Moment:
         distance = transition.info["distance"]
         return cls(
             position=transition.position,
             speed=transition.speed,
             action=transition.action,
             distance=distance if math.isfinite(distance) else None,
-            reward=transition.reward,
-            confidences=transition.parts("confidence_"),
-            weights=transition.parts("weight_"),
+            reward=transition.outcome.reward,
+            confidences=transition.outcome.confidences,
+            weights=transition.outcome.weights,
         )
 
 

@@ -11,7 +11,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Annotated
 
@@ -26,11 +25,13 @@ from rich.table import Table
 
 from env import CELLS
 from env.driving.drivers import Cautious, Driver, FullThrottle
+from env.driving.rollout import rollout
 from env.perception.pipeline import Scene
 from env.street.crossing import OccludedCrossing
+from env.street.view import StreetView
 from env.world.actors import Ego, EgoParameters
 from sfol.cli import run
-from vsr.facts import Pinhole
+from vsr.segmentation import Frame
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
 # Where one perception misses thin shins, its distance is three rows of pixels off. So a claim about
@@ -127,37 +128,26 @@ def sights(
         for number in range(episodes):
             driver = drivers[number // len(CELLS) % len(drivers)]
             street = streets[number % len(CELLS)]
-            for step in _drive(street, driver, first_seed + number):
-                if step % every == 0:
-                    yield _sight(street, f"{first_seed + number}-{step}", reach)
+            steps = rollout(street, driver, first_seed + number, frames_every=every)
+            for index, step in enumerate(steps):
+                if step.frame is not None:
+                    name = f"{street.traffic}-{street.occlusion}-{first_seed + number}-{index}"
+                    yield _sight(street, step.frame, step.scene, name, reach)
     finally:
         for street in streets:
             street.close()
 
 
-def _drive(street: OccludedCrossing, driver: Driver, seed: int) -> Iterator[int]:
-    """Drive an episode and yield the number of each step before it is taken."""
-    street.reset(seed=seed)
-    driver.reset()
-    for step in count():
-        yield step
-        action = np.array([driver(street)], np.float32)
-        *_, terminated, truncated, _ = street.step(action)
-        if terminated or truncated:
-            return
-
-
-def _sight(street: OccludedCrossing, name: str, reach: float) -> Sight:
-    (shown,) = street.pipeline.perceive([street.frame])
-    simulator, truth = (
+def _sight(street: StreetView, frame: Frame, truth: Scene, name: str, reach: float) -> Sight:
+    (shown,) = street.pipeline.perceive([frame])
+    claimed = (
         (claims(scene, street, reach), claims(scene, street, reach + SLACK))
-        for scene in (shown, street.scene)
+        for scene in (shown, truth)
     )
-    name = f"{street.traffic}-{street.occlusion}-{name}"
-    return Sight(name, street.frame.gray, (shown, street.scene), simulator, truth)
+    return Sight(name, frame.gray, (shown, truth), *claimed)
 
 
-def claims(scene: Scene, street: OccludedCrossing, reach: float) -> frozenset[Claim]:
+def claims(scene: Scene, street: StreetView, reach: float) -> frozenset[Claim]:
     """Return what a scene claims of any entity of a class, those within reach.
 
     An entity's distance is that of its lowest visible row, for whichever perception.
@@ -167,12 +157,10 @@ def claims(scene: Scene, street: OccludedCrossing, reach: float) -> frozenset[Cl
         street: has the camera.
         reach: in m from the bumper.
     """
-    lens = street.camera.parameters
-    pinhole = Pinhole.of(street.pipeline.grounding.camera, (lens.size, lens.size))
     kinds = {
         entity.name: entity.kind.name.lower()
         for entity in scene.entities
-        if pinhole.distance(entity.bottom) - lens.setback <= reach
+        if street.lens.pinhole.distance(entity.bottom) - street.lens.setback <= reach
     }
     kinds[street.pipeline.kb.subject] = "ego"
     near = [atom for atom in scene.facts if all(name in kinds for name in atom.arguments)]

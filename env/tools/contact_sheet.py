@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from PIL import Image, ImageDraw, ImageOps
 
 from env import CELLS
 from env.driving.drivers import Cautious
+from env.driving.rollout import rollout
 from env.street.crossing import OccludedCrossing
 from env.world.camera import third_person
 from sfol.cli import run
@@ -55,11 +55,9 @@ def _row(name: str, street: OccludedCrossing, seed: int) -> Image.Image:
 
 def _pictures(street: OccludedCrossing, seed: int) -> Iterator[Image.Image]:
     """Yield the frames at each moment of a cautious drive, and the last one from outside."""
-    driver = Cautious()
-    street.reset(seed=seed)
+    drive = rollout(street, Cautious(), seed)
     for moment in _MOMENTS:
-        while street.ego.position < moment:
-            street.step(np.array([driver(street)], np.float32))
+        next(step for step in drive if step.info["position"] >= moment)
         frame = Image.fromarray(street.frame.gray).convert("RGB")
         yield frame.resize((_SIDE, _SIDE), Image.Resampling.LANCZOS)
     outside = Image.fromarray(third_person(street.world, street.ego.position))

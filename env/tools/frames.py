@@ -1,7 +1,7 @@
 """Renders sets of frames of the street, to train and to test networks on.
 
 Run as ``python -m env.tools.frames``. The streets of the three sets are disjoint: a set's streets
-are numbered from its first seed on (`FIRST_SEEDS`), and a street's seed decides everything in it.
+are numbered from its first seed on (`env.street.seeds`), and a seed decides everything in a street.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
+from env.street.seeds import FRAMES
 from env.world.actors import Ego
 from env.world.camera import DashCameraParameters
 from env.world.cells import CELLS, Cell
@@ -31,12 +32,6 @@ from vsr.training.frames import CARD, read_shard, write_shard
 
 Split = Literal["train", "validation", "test"]
 
-# The streets of episodes that policies are trained and judged on have seeds below these.
-FIRST_SEEDS: dict[Split, int] = {
-    "train": 10_000_000,
-    "validation": 20_000_000,
-    "test": 30_000_000,
-}
 FRAMES_PER_STREET = 10
 STREETS_PER_FILE = 6 * len(CELLS)
 
@@ -74,7 +69,7 @@ def render(
     Example: `python -m env.tools.frames train --frames 8000 --output runs/frames/train`
     """
     chosen = _split(split)
-    count, first = math.ceil(frames / FRAMES_PER_STREET), FIRST_SEEDS[chosen]
+    count, first = math.ceil(frames / FRAMES_PER_STREET), FRAMES[chosen].start
     seeds = range(first, first + count)
     with _Streets() as streets:
         card = _card(streets.of(first).camera.parameters, chosen, seeds, pairs)

@@ -17,6 +17,7 @@ from env.world.world import PERSON_RADIUS, StreetGeometry
 Array = npt.NDArray[np.float64]
 Behaviour = Literal["briefly_visible", "hidden"]
 
+PHYSICS_HZ = 100  # instants a second at which everybody moves
 RUNNING_PACE = 6 / 3.6  # m/s (paper: 6 km/h)
 
 
@@ -139,8 +140,8 @@ class Manners:
 # if ego can stop by braking well below its limit of 8 m/s².
 AT_KERB = Manners(reaction=1.2, braking=3.5, margin=2.5)
 BESIDE_LANE = Manners(reaction=0.4, braking=6.0, margin=0.8)
-# The target pedestrian grants time, not distance, drawn for each episode. Whoever passes what hides it at
-# 10 km/h can stop even so; whoever comes at 40 and reacts only to what shows can't always.
+# The target pedestrian grants time, not distance, drawn for each episode. Whoever passes what hides
+# it at 10 km/h can stop even so; whoever comes at 40 and reacts only to what shows can't always.
 RASH_REACTION = (0.2, 0.8)  # s
 
 _KERB_STAND = 0.35  # m from the kerb, where people wait
@@ -272,7 +273,7 @@ class Walkers:
 
 
 class Pedestrians(Walkers):
-    """All people of an episode. The one at index 0 is the target pedestrian, who crosses before ego.
+    """All people of an episode; at index 0 the target pedestrian, who crosses before ego.
 
     Everyone walks along a sidewalk; some turn to the road at a line of their own and cross it.
     They wait at the kerb, and once more beside ego's lane, until they trust ego to be able to
