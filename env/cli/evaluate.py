@@ -20,7 +20,7 @@ from env.driving.setup import DISCOUNT
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.parallel import cores
 from env.evaluation.results import DriveResult, ResultFolder
-from env.evaluation.returns import CONDUCTS, faults, worth
+from env.evaluation.returns import REFERENCE_BEHAVIOURS, faults, return_of
 from env.world.cells import CELLS, Cell, CellOcclusion, Traffic
 from sfol.errors import UsageError
 
@@ -82,7 +82,8 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
         bool,
         typer.Option(
             "--returns",
-            help="Drive the scripted conducts instead, and tell whether the reward is exploitable.",
+            help="Drive the reference behaviours instead, and tell whether the reward pays for "
+            "the right one.",
         ),
     ] = False,
     discount: Annotated[
@@ -105,7 +106,11 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     """
     console = Console(highlight=False)
     kb = sfol.KnowledgeBase.load(rules)
-    names = [conduct.driver for conduct in CONDUCTS] if returns else (driver or ["cautious"])
+    names = (
+        [behaviour.driver for behaviour in REFERENCE_BEHAVIOURS]
+        if returns
+        else (driver or ["cautious"])
+    )
     for name in names:
         make_driver(name, trust=trust)  # so that a mistake shows before anybody drives
     drives = [
@@ -157,12 +162,12 @@ def _command(drive: Drive, rules: str) -> str:
 
 
 def _print_returns(console: Console, results: Sequence[DriveResult]) -> None:
-    worths = [
-        worth(conduct, [r.summary for r in results if r.settings.driver == conduct.driver])
-        for conduct in CONDUCTS
+    returns = [
+        return_of(behaviour, [r.summary for r in results if r.settings.driver == behaviour.driver])
+        for behaviour in REFERENCE_BEHAVIOURS
     ]
-    console.print(tables.returns_table(worths))
-    wrong = faults(worths)
+    console.print(tables.returns_table(returns))
+    wrong = faults(returns)
     if wrong:
         console.print("[red]exploitable[/]: " + "; ".join(wrong), soft_wrap=True)
     else:

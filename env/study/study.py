@@ -217,9 +217,9 @@ def trajectory(drive: Drive, seed: int, command: str) -> Trajectory:
     try:
         driver = make_driver(drive.driver, trust=drive.trust)
         moments = []
-        for transition in rollout(street, driver, seed):
-            moments.append(_Moment.of(transition))
-        ending = transition.ending
+        for step in rollout(street, driver, seed):
+            moments.append(_Moment.of(step))
+        ending = step.ending
         crosswalk = street.world.geometry.crosswalk
     finally:
         street.close()
@@ -258,16 +258,16 @@ class _Moment(NamedTuple):
     weights: Mapping[str, float]
 
     @classmethod
-    def of(cls, transition: DrivenStep) -> _Moment:
-        distance = transition.info["distance"]
+    def of(cls, step: DrivenStep) -> _Moment:
+        distance = step.info["distance"]
         return cls(
-            position=transition.position,
-            speed=transition.speed,
-            action=transition.action,
+            position=step.position,
+            speed=step.speed,
+            action=step.action,
             distance=distance if math.isfinite(distance) else None,
-            reward=transition.outcome.reward,
-            confidences=transition.outcome.confidences,
-            weights=transition.outcome.weights,
+            reward=step.outcome.reward,
+            confidences=step.outcome.confidences,
+            weights=step.outcome.weights,
         )
 
 

@@ -79,7 +79,7 @@ def test_every_setup_and_seed_is_trained_and_drives_in_every_cell(plan):
         assert drive.settings.driver == "small-seed3"
         assert drive.settings.policy == training.policy
         assert drive.settings.perception == "truth"
-        assert drive.summary.timeout.count == 2
+        assert drive.summary.measured["timeout"].count == 2
         assert "aeb study --setup my/small.yaml --seed 3" in drive.command
     (trajectory,) = plan.results.trajectories()
     assert (trajectory.traffic, trajectory.occlusion) == HERE[-1]
