@@ -92,6 +92,20 @@ def test_import_sfol_imports_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("command", ["sfol.cli", "env"])
+@pytest.mark.parametrize("arguments", [["--help"], ["bench", "--help"]])
+def test_help_imports_nothing_heavy(command, arguments):
+    never = ("torch", "stable_baselines3", "pybullet", "scipy", "matplotlib", "pyreason")
+    code = (
+        f"import runpy, sys; sys.argv = ['x', *{arguments!r}]\n"
+        f"try: runpy.run_module({command!r}, run_name='__main__')\n"
+        f"finally: print([m for m in {never!r} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "Usage:" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 @pytest.mark.parametrize(
     ("package", "never"),
     [("sfol", {"vsr", "env", "pybullet"}), ("vsr", {"env", "pybullet"})],

@@ -14,7 +14,8 @@ from env.perception.pipeline import Scene, ScenePipeline
 from sfol.errors import UsageError
 from vsr.hypervectors.codebook import Codebook
 from vsr.hypervectors.descriptor import SceneDescriptor
-from vsr.hypervectors.fusion import Fusion, Method
+from vsr.hypervectors.fusion import Fusion
+from vsr.hypervectors.methods import Method
 from vsr.segmentation import Frame
 
 

@@ -73,7 +73,7 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             name=str(file),
             suggestion=(
                 f"they come with a checkout; {FOLDER_VARIABLE} names another folder; "
-                f"python -m vsr.training {network} --help says how to train them"
+                f"aeb networks {network} --help says how to train them"
             ),
         )
     trained_on = read_card(file).trained_on
@@ -89,7 +89,6 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             raise UsageError(
                 f"the {network} knows frames of a camera with {name} {known:g}, not {value:g}",
                 name=name,
-                suggestion="train it with frames of the other camera: "
-                "python -m env.tools.frames --help",
+                suggestion="train it with frames of the other camera: aeb frames --help",
             )
     return file

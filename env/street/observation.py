@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from env.street.view import StreetView
 from env.world.actors import RUNNING_PACE
+from vsr.hypervectors.methods import Method
 
 if TYPE_CHECKING:
     from env.perception.description import Describer
@@ -112,7 +113,7 @@ class VsrObserver:
     ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
-        from vsr.hypervectors.fusion import Fusion, Method  # noqa: PLC0415
+        from vsr.hypervectors.fusion import Fusion  # noqa: PLC0415
 
         dimension = codebook.dimension if codebook else DIMENSION
         self.space = spaces.Box(-np.inf, np.inf, (dimension + speed,), np.float32)

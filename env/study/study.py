@@ -12,7 +12,7 @@ from typing import NamedTuple
 import sfol
 from env.driving.policies import file_hash, make_driver
 from env.driving.rollout import DrivenStep, rollout
-from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage
+from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage, training_name
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.results import versions
 from env.study.study_results import (
@@ -20,7 +20,6 @@ from env.study.study_results import (
     StudyFolder,
     TrainingResult,
     Trajectory,
-    training_name,
 )
 from env.world.cells import Cell
 

@@ -1,6 +1,6 @@
 """Do the two perceptions say the same? Truth against the simulator, frame by frame.
 
-`python -m env.tools.agreement` drives episodes of every cell with the simulator's perception, asks
+`aeb agreement` drives episodes of every cell with the simulator's perception, asks
 the truth about each frame, and prints for every predicate how often the two agree that it holds of
 any entity. `--frames FOLDER` keeps pictures of frames in which they do not.
 """
@@ -12,11 +12,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-import typer
 from PIL import Image, ImageDraw
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -30,7 +28,6 @@ from env.perception.pipeline import Scene
 from env.street.crossing import OccludedCrossing
 from env.street.view import StreetView
 from env.world.actors import Ego, EgoParameters
-from sfol.cli import run
 from vsr.segmentation import Frame
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
@@ -179,18 +176,18 @@ def compare(frames: Iterable[Sight]) -> dict[Claim, Agreement]:
     return {claim: Agreement(**counts[claim]) for claim in sorted(counts)}
 
 
-def main(
-    episodes: Annotated[int, typer.Option(min=1, help="Through all cells in turn.")] = 20,
-    reach: Annotated[float, typer.Option(help="Up to which distance entities count, in m.")] = (
-        USEFUL_RANGE
-    ),
-    seed: Annotated[int, typer.Option(help="Of the first episode.")] = 0,
-    every: Annotated[int, typer.Option(min=1, help="Compare every how many steps.")] = 1,
-    frames: Annotated[
-        Path | None, typer.Option(help="Folder for a frame of each kind of difference.")
-    ] = None,
+def print_agreement(
+    *, episodes: int, reach: float, seed: int, every: int, frames: Path | None
 ) -> None:
-    """Print how often truth and simulator agree on each predicate."""
+    """Print how often truth and simulator agree on each predicate.
+
+    Args:
+        episodes: how many are driven, through all cells in turn.
+        reach: up to which distance entities count, in m.
+        seed: of the first episode.
+        every: of how many steps one is compared.
+        frames: folder for a frame of each kind of difference; None for none.
+    """
     console = Console(highlight=False)
     driven = sights(episodes, reach, first_seed=seed, every=every)
     all_sights = list(track(driven, "driving …", console=console, total=None))
@@ -250,7 +247,3 @@ def _picture(frame: Sight) -> Image.Image:
 
 def _share(part: int, whole: int) -> float:
     return part / whole if whole else math.nan
-
-
-if __name__ == "__main__":
-    run(typer.run, function=main)

@@ -77,7 +77,7 @@ def test_weights_are_found_where_the_environment_or_an_argument_says(network, co
     monkeypatch.setenv(FOLDER_VARIABLE, str(copied))
     load()
     monkeypatch.setenv(FOLDER_VARIABLE, str(copied / "nothing"))
-    with pytest.raises(UsageError, match=rf"no weights .*python -m vsr\.training {network}"):
+    with pytest.raises(UsageError, match=rf"no weights .*aeb networks {network}"):
         load()
 
 

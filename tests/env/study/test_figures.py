@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import sfol
 from env.cli import app, main
-from env.driving.setup import setup_names
+from env.driving.setup import setup_names, training_name
 from env.evaluation.evaluate import Settings, Summary
 from env.evaluation.results import DriveResult, write_json
 from env.evaluation.statistics import Mean, Share
@@ -30,7 +30,6 @@ from env.study.study_results import (
     StudyFolder,
     TrainingResult,
     Trajectory,
-    training_name,
 )
 from env.world.cells import CELLS, Cell
 from sfol.errors import UsageError

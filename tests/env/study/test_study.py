@@ -7,13 +7,13 @@ import yaml
 from typer.testing import CliRunner
 
 from env.cli import app
-from env.driving.setup import load_setup, setup_names
+from env.driving.setup import load_setup, setup_names, training_name
 from env.evaluation import evaluate
 from env.learning import curriculum
 from env.street.crossing import OccludedCrossing
 from env.study import study
 from env.study.study import StudyPlan, quick, run_study
-from env.study.study_results import StudyFolder, training_name
+from env.study.study_results import StudyFolder
 from env.world.cells import Cell
 
 SMALL = {

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from env.cli import app
 from env.street.seeds import FRAMES
 from env.tools import frames as rendering
-from env.tools.frames import STREETS_PER_FILE, app, frames_of_street
+from env.tools.frames import STREETS_PER_FILE, frames_of_street
 from sfol.errors import UsageError
 from vsr.classes import SemanticClass
 from vsr.training.frames import load_frames
@@ -15,7 +16,7 @@ SEED = FRAMES["test"].start
 
 
 def render(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, ["frames", *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_the_card_says_where_the_frames_come_from(rendered):
     assert card["renderer"] == "pybullet TinyRenderer"
     assert card["camera"] == {"size": 224, "fov": 50.0, "height": 1.5}
     assert card["seeds"] == [SEED, SEED]
-    assert card["command"] == "python -m env.tools.frames test --frames 10 --pairs"
+    assert card["command"] == "aeb frames test --frames 10 --pairs"
 
 
 def test_what_is_there_is_kept_and_what_is_damaged_is_rendered_again(rendered, monkeypatch):
