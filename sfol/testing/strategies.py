@@ -17,6 +17,7 @@ from typing import Any
 from sfol.errors import MissingExtraError
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
+from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom, Guard, Literal, variables
 
 try:
@@ -38,7 +39,6 @@ UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
 ENTITIES = ("ego", "ada", "bob", "cleo")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
-_CONJUNCTIONS = ("average", "minimum", "product", "lukasiewicz")
 _VARIABLES = ("X", "Y", "Z")
 
 
@@ -110,7 +110,8 @@ def _rules(draw: st.DrawFn) -> dict[str, dict[str, Any]]:
 
 def semantics() -> st.SearchStrategy[dict[str, Any]]:
     """All valid combinations of operators, as the key `semantics` has them."""
-    valid = [(c, g) for c in _CONJUNCTIONS for g in (None, "best")] + [("average", "pooled")]
+    valid = [(name, groundings) for name in CONJUNCTIONS for groundings in (None, "best")]
+    valid += [(name, "pooled") for name, c in CONJUNCTIONS.items() if c.pooled]
     return st.builds(
         lambda pair, disjunction, confidence: {
             "conjunction": pair[0],
@@ -119,8 +120,8 @@ def semantics() -> st.SearchStrategy[dict[str, Any]]:
             "confidence": confidence,
         },
         st.sampled_from(valid),
-        st.sampled_from(["maximum", "probabilistic_sum"]),
-        st.sampled_from(["midpoint", "lower", "upper"]),
+        st.sampled_from([*DISJUNCTIONS]),
+        st.sampled_from([*CONFIDENCES]),
     )
 
 
