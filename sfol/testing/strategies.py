@@ -199,7 +199,7 @@ def facts_for(
         if (name, constants) not in kb.background
     ]
     bodies = [rule.clause.body for rule in kb.rules.values()]
-    read = {literal.atom.predicate for body in bodies for literal in body.literals}
+    read = {name for body in bodies for name in body.predicates}
     # Bodies hold only where much of what they read is known: each such atom may well be.
     likely = draw(st.permutations([atom for atom in atoms if atom.predicate in read]))[:max_size]
     maybe = draw(st.lists(st.none() | bounds(), min_size=len(likely), max_size=len(likely)))

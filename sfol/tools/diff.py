@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from sfol.knowledge_base import KnowledgeBase
-from sfol.knowledge_base.vocabulary import declared
 from sfol.logs import Log
 from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode, replay
@@ -91,7 +90,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Parts]:
         "background": {str(atom): {} for atom in kb.background},
         "predicates": {
             f"{p.name}({', '.join(p.parameters)})": {"": p.description}
-            for p in declared(kb).values()
+            for p in kb.declared.values()
         },
         "rules": {
             rule.name: {

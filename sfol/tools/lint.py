@@ -29,7 +29,6 @@ from typing import Literal as Choice
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.positions import Keys, entries
-from sfol.knowledge_base.vocabulary import declared, read
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
 from sfol.tools.replay import ReplayedEpisode
 
@@ -98,13 +97,12 @@ def lint_episodes(
 
 def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
     """SF001; a head that nobody declares and whose rules never fire is never known itself."""
-    observable = declared(kb)
     reasons: dict[str, str] = {}
     while True:
         barren = {
             head
             for head in kb.heads
-            if head not in observable
+            if head not in kb.declared
             and all(
                 name in reasons
                 for name, rule in kb.rules.items()
@@ -170,9 +168,9 @@ def _excludes(rule: Rule) -> bool:
 
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
-    reads = read(kb)
-    for name in declared(kb):
-        if name not in reads:
+    used = kb.read | kb.weighed
+    for name in kb.declared:
+        if name not in used:
             yield Finding(
                 "SF003",
                 "warning",
