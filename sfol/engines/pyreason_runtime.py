@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
-from sfol.errors import MissingExtraError, UsageError
+from sfol.errors import UsageError, missing_extra
 from sfol.facts import Bound
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom
@@ -66,10 +66,8 @@ def _import_pyreason() -> ModuleType:
             module = importlib.import_module("pyreason")
             _cache_containers()
         except ImportError as error:
-            raise MissingExtraError(
-                "the engine 'pyreason' needs PyReason",
-                name="pyreason",
-                suggestion="python -m pip install 'sfol[pyreason]'",
+            raise missing_extra(
+                "pyreason", "the engine 'pyreason' needs it", extra="pyreason"
             ) from error
         except (OSError, RuntimeError) as error:
             raise UsageError(

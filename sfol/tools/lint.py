@@ -32,7 +32,6 @@ from sfol.knowledge_base.positions import Keys, entries
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
 from sfol.tools.replay import ReplayedEpisode
 
-ENDINGS = ("collision", "timeout", "success")
 DOMINANT = 0.9
 
 _OF_EPISODES = ("SF007", "SF008")
@@ -77,17 +76,17 @@ def lint_episodes(
     kb: KnowledgeBase,
     episodes: Sequence[ReplayedEpisode],
     *,
+    endings: Sequence[str],
     dominant: float = DOMINANT,
-    endings: Sequence[str] = ENDINGS,
 ) -> tuple[Finding, ...]:
     """Return what is odd about the rewards of recorded episodes.
 
     Args:
         kb: the knowledge base that they were replayed under.
         episodes: as `sfol.tools.replay.replay` returns them.
-        dominant: the share of all reward from which one term is too much.
         endings: how episodes end, from the worst to the best. Source: the sanity checks of
             Knox et al., "Reward (Mis)design for Autonomous Driving", arXiv 2104.13906.
+        dominant: the share of all reward from which one term is too much.
     """
     return (*_dominates(kb, episodes, dominant), *_misordered(episodes, endings))
 
