@@ -353,7 +353,7 @@ def _levels(program: Program) -> list[list[Rule]]:
     levels: dict[int, list[Rule]] = {}
     for head in program.strata:
         rules = [rule for rule, _ in program.rules[head]]
-        read = {lit.atom.predicate for rule in rules for lit in rule.clause.body.literals}
+        read = {name for rule in rules for name in rule.clause.body.predicates}
         depths[head] = 1 + max((depths.get(name, 0) for name in read), default=0)
         levels.setdefault(depths[head], []).extend(rules)
     return [levels[depth] for depth in sorted(levels)]

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
-from sfol.errors import MissingExtraError, UsageError
+from sfol.errors import UsageError, missing_extra
 from sfol.facts import Bound
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom
@@ -66,10 +66,8 @@ def _import_pyreason() -> ModuleType:
             module = importlib.import_module("pyreason")
             _cache_containers()
         except ImportError as error:
-            raise MissingExtraError(
-                "the engine 'pyreason' needs PyReason",
-                name="pyreason",
-                suggestion="python -m pip install 'sfol[pyreason]'",
+            raise missing_extra(
+                "pyreason", "the engine 'pyreason' needs it", extra="pyreason"
             ) from error
         except (OSError, RuntimeError) as error:
             raise UsageError(
@@ -105,9 +103,9 @@ _objmode = _numba.objmode
 # the way there is compiled; the operators are those of every engine.
 
 
-def _pooled(operator: str, lowers: Any, uppers: Any) -> tuple[float, ...]:
+def _pooled(lowers: Any, uppers: Any) -> tuple[float, ...]:
     bounds = [Bound(*pair) for pair in zip(lowers.tolist(), uppers.tolist(), strict=True)]
-    return tuple(CONJUNCTIONS[operator](bounds))
+    return tuple(CONJUNCTIONS["average"](bounds))
 
 
 def _best(  # noqa: PLR0913, PLR0917  (all that PyReason gives, but for the labels)
@@ -133,27 +131,22 @@ def _best(  # noqa: PLR0913, PLR0917  (all that PyReason gives, but for the labe
     return tuple(DISJUNCTIONS["maximum"](each))
 
 
-def _pooled_by(operator: str) -> Callable[..., Any]:
-    """Return the function that combines all clauses; one of weight 0 takes no part."""
-
-    def pooled(annotations: Any, weights: Any) -> Any:  # pragma: no cover (runs compiled)
-        count = 0
-        for i in range(len(annotations)):
-            if weights[i] > 0:
-                count += len(annotations[i])
-        lowers, uppers = np.empty(count), np.empty(count)
-        at = 0
-        for i in range(len(annotations)):
-            if weights[i] > 0:
-                for bound in annotations[i]:
-                    lowers[at], uppers[at] = bound.lower, bound.upper
-                    at += 1
-        with _objmode(pair="UniTuple(float64, 2)"):
-            pair = _pooled(operator, lowers, uppers)
-        return pair
-
-    pooled.__name__ = operator
-    return pooled
+def average(annotations: Any, weights: Any) -> Any:  # pragma: no cover (runs compiled)
+    """Average the bounds of all clauses together; a clause of weight 0 takes no part."""
+    count = 0
+    for i in range(len(annotations)):
+        if weights[i] > 0:
+            count += len(annotations[i])
+    lowers, uppers = np.empty(count), np.empty(count)
+    at = 0
+    for i in range(len(annotations)):
+        if weights[i] > 0:
+            for bound in annotations[i]:
+                lowers[at], uppers[at] = bound.lower, bound.upper
+                at += 1
+    with _objmode(pair="UniTuple(float64, 2)"):
+        pair = _pooled(lowers, uppers)
+    return pair
 
 
 def _best_by(operator: str) -> Callable[..., Any]:
@@ -186,10 +179,10 @@ def _with_identity(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-# Always these, in this order: any other choice is another signature. They must not all take the
+# Always these, in this order: any other choice is another signature. What pools stands here by its
+# name, since the cache on disk finds it by that. They must not all take the
 # same number of arguments, or numba takes them for one type after the first call.
-_POOLING = [name for name, conjunction in CONJUNCTIONS.items() if conjunction.pooled]
-_FUNCTIONS = tuple(map(_with_identity, [*map(_pooled_by, _POOLING), *map(_best_by, CONJUNCTIONS)]))
+_FUNCTIONS = tuple(map(_with_identity, [average, *map(_best_by, CONJUNCTIONS)]))
 
 
 # -- running --------------------------------------------------------------------------------------

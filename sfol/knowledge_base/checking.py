@@ -214,7 +214,10 @@ class _Checker:
         # when its atoms are checked.
         heads = {
             rule.clause.head.predicate: Predicate(
-                rule.clause.head.predicate, rule.clause.head.arguments, rule.description
+                rule.clause.head.predicate,
+                rule.clause.head.arguments,
+                rule.description,
+                declared=False,
             )
             for rule in reversed(list(rules.values()))
         }
@@ -291,7 +294,7 @@ class _Checker:
         """A head that nobody declared and nobody reads is most likely misspelt."""
         bodies = [rule.clause.body for rule in rules.values()]
         bodies += [condition.when for condition in conditions]
-        used = {literal.atom.predicate for body in bodies for literal in body.literals}
+        used = {name for body in bodies for name in body.predicates}
         used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
         for name, rule in rules.items():
             head = rule.clause.head.predicate

@@ -220,7 +220,7 @@ def _named(kb: KnowledgeBase) -> set[str]:
 def _read(kb: KnowledgeBase) -> set[str]:
     """Return the predicates on which conclusions can depend: of bodies, and of heads."""
     bodies = [rule.clause.body for rule in kb.rules.values()]
-    return {lit.atom.predicate for body in bodies for lit in body.literals} | set(kb.heads)
+    return {name for body in bodies for name in body.predicates} | set(kb.heads)
 
 
 def _some_atom(kb: KnowledgeBase, name: str, entities: Sequence[str], random: Random) -> Atom:

@@ -14,7 +14,7 @@ import itertools
 from collections.abc import Sequence
 from typing import Any
 
-from sfol.errors import MissingExtraError
+from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
@@ -23,11 +23,7 @@ from sfol.syntax import Atom, Guard, Literal, variables
 try:
     from hypothesis import strategies as st
 except ImportError as error:
-    raise MissingExtraError(
-        "the strategies need hypothesis",
-        name="hypothesis",
-        suggestion="python -m pip install 'sfol[testing]'",
-    ) from error
+    raise missing_extra("hypothesis", "the strategies need it", extra="testing") from error
 
 # Predicates with their arity. A rule reads only those that stand before its head, so that no
 # knowledge base has a cycle; those behind the first three can be asserted, derived or both.
@@ -199,7 +195,7 @@ def facts_for(
         if (name, constants) not in kb.background
     ]
     bodies = [rule.clause.body for rule in kb.rules.values()]
-    read = {literal.atom.predicate for body in bodies for literal in body.literals}
+    read = {name for body in bodies for name in body.predicates}
     # Bodies hold only where much of what they read is known: each such atom may well be.
     likely = draw(st.permutations([atom for atom in atoms if atom.predicate in read]))[:max_size]
     maybe = draw(st.lists(st.none() | bounds(), min_size=len(likely), max_size=len(likely)))
