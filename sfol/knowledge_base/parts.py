@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from sfol.clauses import Body, Clause
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Weight
-from sfol.syntax import Atom, Body, Clause
+from sfol.syntax import Atom
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,6 @@ def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
     """Return for every head the predicates that its rules' bodies read."""
     graph: dict[str, set[str]] = {}
     for rule in rules:
-        body = {literal.atom.predicate for literal in rule.clause.body.literals}
-        graph.setdefault(rule.clause.head.predicate, set()).update(body)
+        read = rule.clause.body.predicates
+        graph.setdefault(rule.clause.head.predicate, set()).update(read)
     return graph

@@ -30,4 +30,4 @@ def read(kb: KnowledgeBase) -> set[str]:
     bodies = [rule.clause.body for rule in kb.rules.values()]
     bodies += [condition.when for condition in kb.entity_weights]
     heads = {head for weight in kb.weights.values() for head in weight.coefficients}
-    return heads | {literal.atom.predicate for body in bodies for literal in body.literals}
+    return heads.union(*(body.predicates for body in bodies))
