@@ -313,7 +313,7 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str) -> Miss | None:
 
 
 def _miss_node(rule: Rule, miss: Miss, tables: Tables) -> Node:
-    reasons = [lit.substituted(miss.values).lacks(tables, rule) for lit in miss.failed]
+    reasons = [lit.substituted(miss.values).refutation(tables, rule) for lit in miss.failed]
     shown = ", ".join(f"{name} = {value}" for name, value in miss.values.items())
     text = f"rule {rule.name} lacks {' and '.join(reasons)}" + (f", with {shown}" if shown else "")
     failed = [str(literal) for literal in miss.failed]

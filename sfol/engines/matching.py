@@ -25,7 +25,7 @@ def rule_criterion(rule: Rule) -> Criterion:
 
 def condition_criterion(condition: EntityCondition) -> Criterion:
     """Return when the literals of an entity weight's condition count: by their confidence."""
-    return lambda literal: literal.is_likely(condition.at_least)
+    return lambda literal: literal.reaches(condition.at_least)
 
 
 class Binder(NamedTuple):

@@ -155,7 +155,7 @@ class Literal(ABC):
     # -- explanation ----------------------------------------------------------------------------
 
     @abstractmethod
-    def lacks(self, scene: Scene, thresholds: Thresholds) -> str:
+    def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         """Return why it does not hold, to be read after "lacks"; it must be ground."""
 
     # -- PyReason -------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class AtomLiteral(Literal):
         """Return the test whether it holds in a rule, given the bound of its known atom."""
 
     @abstractmethod
-    def is_likely(self, at_least: float) -> Test:
+    def reaches(self, confidence: float) -> Test:
         """Return the test whether its confidence is at least so much, given its atom's bound."""
 
     @abstractmethod

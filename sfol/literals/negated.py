@@ -58,8 +58,8 @@ class Negated(AtomLiteral):
         threshold = thresholds.negation_threshold
         return lambda bound: 1.0 - bound[1] >= threshold
 
-    def is_likely(self, at_least: float) -> Test:
-        return lambda bound: 1.0 - bound.midpoint >= at_least
+    def reaches(self, confidence: float) -> Test:
+        return lambda bound: 1.0 - bound.midpoint >= confidence
 
     def step(self, number: int, slots: Mapping[str, int], criterion: Criterion, then: Step) -> Step:
         predicate, holds, key_of = self.atom.predicate, criterion(self), self.atom.key(slots)
@@ -74,7 +74,7 @@ class Negated(AtomLiteral):
 
         return step
 
-    def lacks(self, scene: Scene, thresholds: Thresholds) -> str:
+    def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         return f"{self} (it is {scene.bound(self.atom)})"
 
     def batch_bounds(self, atoms: BatchBounds, rows: Array) -> tuple[Array, Array]:

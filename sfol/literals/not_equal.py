@@ -57,7 +57,7 @@ class NotEqual(Literal):
 
         return step
 
-    def lacks(self, scene: Scene, thresholds: Thresholds) -> str:
+    def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         return str(self)
 
     def query(self, thresholds: Thresholds) -> QueryClause:

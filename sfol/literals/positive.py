@@ -45,10 +45,10 @@ class Positive(AtomLiteral):
         threshold = thresholds.threshold
         return lambda bound: bound[1] > 0.0 and bound[0] >= threshold
 
-    def is_likely(self, at_least: float) -> Test:
-        return lambda bound: bound.midpoint >= at_least
+    def reaches(self, confidence: float) -> Test:
+        return lambda bound: bound.midpoint >= confidence
 
-    def lacks(self, scene: Scene, thresholds: Thresholds) -> str:
+    def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         bound = scene.bound(self.atom)
         if bound is None:
             return str(self)

@@ -1,7 +1,7 @@
 """What every kind of body literal must answer, whichever kinds there are."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfol.clauses import Body, parse_condition
@@ -24,6 +24,7 @@ def test_every_kind_can_be_drawn():
 
 
 @every_kind
+@settings(max_examples=20)
 @given(data=st.data())
 def test_what_is_printed_is_read_as_the_same_literal(kind, data):
     for literal in data.draw(some(kind)):
@@ -32,6 +33,7 @@ def test_what_is_printed_is_read_as_the_same_literal(kind, data):
 
 
 @every_kind
+@settings(max_examples=20)
 @given(data=st.data())
 def test_a_literal_matches_its_instances_and_no_stranger(kind, data):
     for literal in data.draw(some(kind)):
