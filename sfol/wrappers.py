@@ -8,7 +8,8 @@ from typing import Any, Generic, SupportsFloat, TypeVar
 
 from sfol.errors import MissingExtraError
 from sfol.facts import Facts
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 
 try:
     import gymnasium

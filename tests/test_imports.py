@@ -34,7 +34,8 @@ ORDER = {
         {"ground"},
         {"knowledge_base"},
         {"engines"},
-        {"explain", "logs"},
+        {"outcome", "logs"},
+        {"explain"},
         {"reward"},
         {"", "wrappers"},
         {"testing", "tools"},
@@ -54,11 +55,8 @@ ORDER = {
         {"__main__"},
     ],
 }
-# Imports that go up, and late: a knowledge base as a PyReason program, PyReason when it is needed.
-ALLOWED = {
-    ("sfol.knowledge_base.model", "sfol.engines.pyreason"),
-    ("sfol.engines.pyreason", "sfol.engines.pyreason_runtime"),
-}
+# An import that goes up, and late: a knowledge base as a PyReason program.
+ALLOWED = {("sfol.knowledge_base.model", "sfol.engines.pyreason")}
 
 
 def name_of(path):

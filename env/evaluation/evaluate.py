@@ -25,7 +25,6 @@ from env.world import kinematics
 from env.world.cells import Cell
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LoggedStep
-from sfol.testing.cases import fired_rules
 
 FIRST_SEED = 10_000  # of evaluation; nothing is ever tuned or trained on these seeds
 
@@ -281,7 +280,7 @@ def drive_episode(
     log: list[LoggedStep] = []
     for transition in rollout(street, driver, seed):
         facts = transition.scene.facts
-        steps.append(_Step.of(transition, fired_rules(reward, facts)))
+        steps.append(_Step.of(transition, reward.conclude(facts).fired))
         if logs:
             log.append(LoggedStep(transition.time, facts, transition.signals))
     return DrivenEpisode(_measured(street, seed, steps, transition, discount), tuple(log))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sfol.engines.pyreason import Query, Script, TraceRow, joined
+from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
 from sfol.errors import MissingExtraError, UsageError
 from sfol.facts import Bound
 from sfol.literals import QueryClause

@@ -25,7 +25,8 @@ from sfol.clauses import parse_clause
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 from sfol.syntax import Atom, is_variable
 
 TOLERANCE = 1e-9
@@ -174,7 +175,7 @@ def _near(one: float, other: float) -> bool:
 
 
 def _derived(reward: RewardFunction, facts: Facts) -> Derived:
-    return reward.engine.conclude(facts).derived
+    return reward.conclude(facts).derived
 
 
 def _signals(reward: RewardFunction) -> dict[str, float]:

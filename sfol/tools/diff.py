@@ -9,7 +9,7 @@ from typing import Any, Literal
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.vocabulary import declared
 from sfol.logs import Log
-from sfol.reward import Outcome
+from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode, replay
 
 TOLERANCE = 1e-9

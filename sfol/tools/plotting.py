@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfol.errors import MissingExtraError, UsageError
-from sfol.reward import Outcome
+from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode
 from sfol.writing import replacing
 
