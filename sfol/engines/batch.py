@@ -18,14 +18,14 @@ from sfol.engines.program import Program
 from sfol.engines.tables import Tables
 from sfol.facts import TRUE, Facts
 from sfol.knowledge_base import Rule
-from sfol.literals import AtomLiteral, Search, Test
+from sfol.literals import AtomLiteral, Reading, Search
 from sfol.literals.search import Constants
 from sfol.syntax import Atom
 
 
-def _any_bound(literal: AtomLiteral) -> Test:
-    """Return that a literal may hold: at which bounds it does is decided at evaluation."""
-    return lambda bound: True
+def _any_bound(literal: AtomLiteral) -> Reading:
+    """Let a literal hold at every bound: at which ones it does is decided at evaluation."""
+    return lambda known: known
 
 
 @dataclass(frozen=True, eq=False)

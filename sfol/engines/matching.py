@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from sfol.clauses import Body
 from sfol.knowledge_base import EntityCondition, Rule
-from sfol.literals import Criterion, Search, Step, Test
+from sfol.literals import Criterion, Reading, Search, Step
 from sfol.literals.search import Make, Row
 from sfol.syntax import Atom
 
@@ -34,12 +34,12 @@ class Binder(NamedTuple):
     Attributes:
         number: the literal's own among those of the body that stand for atoms.
         atom: its atom.
-        holds: the test whether it holds.
+        reading: its bound from that of a known atom, if it holds.
     """
 
     number: int
     atom: Atom
-    holds: Test
+    reading: Reading
 
 
 class Condition(NamedTuple):
@@ -164,13 +164,14 @@ def chained(makers_in_order: Iterable[Make], last: Step) -> Step:
 
 def _look_up(binder: Binder, slots: Mapping[str, int], then: Step) -> Step:
     """Match a literal all of whose arguments are known."""
-    i, atom, holds = binder
+    i, atom, reading = binder
     predicate, key_of = atom.predicate, atom.key(slots)
 
     def step(search: Search) -> None:
         key = key_of(search.values)
-        bound = search.scene.rows(predicate).get(key)
-        if bound is not None and holds(bound):
+        known = search.scene.rows(predicate).get(key)
+        bound = None if known is None else reading(known)
+        if bound is not None:
             search.keys[i] = key
             search.bounds[i] = bound
             then(search)
@@ -180,15 +181,16 @@ def _look_up(binder: Binder, slots: Mapping[str, int], then: Step) -> Step:
 
 def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
     """Match unary literals of one free variable: walk through the shortest, look up the others."""
-    met = [(i, atom.predicate, holds) for i, atom, holds in binders]
+    met = [(i, atom.predicate, reading) for i, atom, reading in binders]
 
     def step(search: Search) -> None:
         values, keys, bounds, rows_of = search.values, search.keys, search.bounds, search.scene.rows
-        relations = [(i, rows_of(predicate), holds) for i, predicate, holds in met]
+        relations = [(i, rows_of(predicate), reading) for i, predicate, reading in met]
         for key in min([rows for _, rows, _ in relations], key=len):
-            for i, rows, holds in relations:
-                bound = rows.get(key)
-                if bound is None or not holds(bound):
+            for i, rows, reading in relations:
+                known = rows.get(key)
+                bound = None if known is None else reading(known)
+                if bound is None:
                     break
                 keys[i] = key
                 bounds[i] = bound
@@ -201,7 +203,7 @@ def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
 
 def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
     """Match a binary literal in every way that its known argument, if any, leaves open."""
-    i, atom, holds = binder
+    i, atom, reading = binder
     predicate = atom.predicate
     fixed = [(place.position, place.slot) for place in places if place.known]
     free = [(place.position, place.slot) for place in places if not place.known]
@@ -212,8 +214,9 @@ def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
         rows: Iterable[Row] = scene.rows(predicate).items()
         for position, slot in fixed:
             rows = scene.rows_with(predicate, position, values[slot])
-        for key, bound in rows:
-            if not holds(bound) or (same and key[0] != key[1]):
+        for key, known in rows:
+            bound = reading(known)
+            if bound is None or (same and key[0] != key[1]):
                 continue
             for position, slot in free:
                 values[slot] = key[position]

@@ -12,7 +12,7 @@ long as either is missing.
 May import sfol's ground and nothing above it.
 """
 
-from sfol.literals.literal import AtomLiteral, Criterion, Literal, QueryClause, Test
+from sfol.literals.literal import AtomLiteral, Criterion, Literal, QueryClause, Reading
 from sfol.literals.negated import Negated
 from sfol.literals.not_equal import NotEqual
 from sfol.literals.positive import Positive
@@ -30,7 +30,7 @@ __all__ = [
     "NotEqual",
     "Positive",
     "QueryClause",
+    "Reading",
     "Search",
     "Step",
-    "Test",
 ]

@@ -68,10 +68,10 @@ class QueryClause(NamedTuple):
         return f"{self.predicate}({','.join(self.terms)}):[{self.threshold!r},1]"
 
 
-# Whether a literal holds that stands for an atom with this bound.
-Test = Callable[[Bound], bool]
-# When literals hold: each rule, and each condition of an entity's weight, has its own.
-Criterion = Callable[["AtomLiteral"], Test]
+# The bound of a literal, given that of its known atom; None if the literal does not hold.
+Reading = Callable[[Bound], Bound | None]
+# How literals are read: each rule, and each condition of an entity's weight, has its own way.
+Criterion = Callable[["AtomLiteral"], Reading]
 
 
 class Literal(ABC):
@@ -206,12 +206,12 @@ class AtomLiteral(Literal):
         """Return its bound from that of its ground atom; None stands for unknown."""
 
     @abstractmethod
-    def holds(self, thresholds: Thresholds) -> Test:
-        """Return the test whether it holds in a rule, given the bound of its known atom."""
+    def holds(self, thresholds: Thresholds) -> Reading:
+        """Return its reading in a rule; where it holds, it has the bound that `bound` returns."""
 
     @abstractmethod
-    def reaches(self, confidence: float) -> Test:
-        """Return the test whether its confidence is at least so much, given its atom's bound."""
+    def reaches(self, confidence: float) -> Reading:
+        """Return its reading where it holds if its confidence is at least so much."""
 
     @abstractmethod
     def batch_bounds(self, atoms: BatchBounds, rows: Array) -> tuple[Array, Array]:

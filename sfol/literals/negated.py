@@ -16,7 +16,7 @@ from sfol.literals.literal import (
     Criterion,
     Literal,
     QueryClause,
-    Test,
+    Reading,
     Thresholds,
 )
 from sfol.literals.search import Rows, Scene, Search, Step
@@ -54,22 +54,23 @@ class Negated(AtomLiteral):
     def bound(self, known: Bound | None) -> Bound:
         return TRUE if known is None else negation(known)
 
-    def holds(self, thresholds: Thresholds) -> Test:
+    def holds(self, thresholds: Thresholds) -> Reading:
         threshold = thresholds.negation_threshold
-        return lambda bound: 1.0 - bound[1] >= threshold
+        return lambda known: negation(known) if 1.0 - known[1] >= threshold else None
 
-    def reaches(self, confidence: float) -> Test:
-        return lambda bound: 1.0 - bound.midpoint >= confidence
+    def reaches(self, confidence: float) -> Reading:
+        return lambda known: negation(known) if 1.0 - known.midpoint >= confidence else None
 
     def step(self, number: int, slots: Mapping[str, int], criterion: Criterion, then: Step) -> Step:
-        predicate, holds, key_of = self.atom.predicate, criterion(self), self.atom.key(slots)
+        predicate, reading, key_of = self.atom.predicate, criterion(self), self.atom.key(slots)
 
         def step(search: Search) -> None:
             key = key_of(search.values)
-            bound = search.scene.rows(predicate).get(key)
-            if bound is None or holds(bound):
+            known = search.scene.rows(predicate).get(key)
+            bound = TRUE if known is None else reading(known)
+            if bound is not None:
                 search.keys[number] = key
-                search.bounds[number] = TRUE if bound is None else negation(bound)
+                search.bounds[number] = bound
                 then(search)
 
         return step

@@ -8,7 +8,14 @@ from typing import ClassVar, Self
 
 from sfol.arrays import Array
 from sfol.facts import Bound
-from sfol.literals.literal import AtomLiteral, BatchBounds, Literal, QueryClause, Test, Thresholds
+from sfol.literals.literal import (
+    AtomLiteral,
+    BatchBounds,
+    Literal,
+    QueryClause,
+    Reading,
+    Thresholds,
+)
 from sfol.literals.search import Rows, Scene
 from sfol.syntax import Atom, Reader
 
@@ -41,12 +48,12 @@ class Positive(AtomLiteral):
     def bound(self, known: Bound | None) -> Bound | None:
         return known
 
-    def holds(self, thresholds: Thresholds) -> Test:
+    def holds(self, thresholds: Thresholds) -> Reading:
         threshold = thresholds.threshold
-        return lambda bound: bound[1] > 0.0 and bound[0] >= threshold
+        return lambda known: known if known[1] > 0.0 and known[0] >= threshold else None
 
-    def reaches(self, confidence: float) -> Test:
-        return lambda bound: bound.midpoint >= confidence
+    def reaches(self, confidence: float) -> Reading:
+        return lambda known: known if known.midpoint >= confidence else None
 
     def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         bound = scene.bound(self.atom)

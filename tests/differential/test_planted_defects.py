@@ -75,8 +75,8 @@ def raw_bounds_of_negated_atoms(monkeypatch):
 
 def less_for_at_most_at_the_threshold(monkeypatch):
     def holds(literal, rule):
-        test = right(literal, rule)
-        return lambda bound: test(bound) and bound[0] != rule.threshold
+        reading = right(literal, rule)
+        return lambda known: None if known.lower == rule.threshold else reading(known)
 
     right = Positive.holds
     monkeypatch.setattr(Positive, "holds", holds)
@@ -106,7 +106,10 @@ def asserted_bound_no_disjunct(monkeypatch):
 
 
 def atoms_known_to_be_false_count(monkeypatch):
-    monkeypatch.setattr(Positive, "holds", lambda self, rule: lambda b: b[0] >= rule.threshold)
+    def holds(literal, rule):
+        return lambda known: known if known.lower >= rule.threshold else None
+
+    monkeypatch.setattr(Positive, "holds", holds)
 
 
 COMPILED = [

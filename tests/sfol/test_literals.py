@@ -4,10 +4,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfol.clauses import Body, parse_condition
-from sfol.literals import KINDS, NotEqual, Positive
+from sfol.clauses import Body, parse_clause, parse_condition
+from sfol.knowledge_base import Rule
+from sfol.literals import KINDS, AtomLiteral, NotEqual, Positive
 from sfol.syntax import Atom, Reader, is_variable
-from sfol.testing.strategies import LITERALS
+from sfol.testing.strategies import LITERALS, bounds
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 strangers = (Positive(Atom("Strange", ("X",))), NotEqual("strange", "X"))
@@ -42,3 +43,14 @@ def test_a_literal_matches_its_instances_and_no_stranger(kind, data):
         assert not any(map(is_variable, instance.terms))
         assert literal.matched(instance, values) == values
         assert all(literal.matched(stranger, values) is None for stranger in strangers)
+
+
+@every_kind
+@settings(max_examples=20)
+@given(data=st.data(), known=bounds(), threshold=st.sampled_from([0.0, 0.5, 1.0]))
+def test_a_literal_that_holds_has_its_own_bound(kind, data, known, threshold):
+    rule = Rule("r", parse_clause("h(X) :- Calm(X)."), "", threshold, threshold)
+    for literal in data.draw(some(kind)):
+        if isinstance(literal, AtomLiteral):
+            for reading in (literal.holds(rule), literal.reaches(threshold)):
+                assert reading(known) in (None, literal.bound(known))

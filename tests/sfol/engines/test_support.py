@@ -35,8 +35,8 @@ binary = st.dictionaries(st.tuples(st.sampled_from("PQ"), names, names), bounds,
 
 def criterion(literal):
     if isinstance(literal, Negated):
-        return lambda bound: bound[1] < 0.5
-    return lambda bound: bound[1] > 0.0
+        return lambda known: literal.bound(known) if known.upper < 0.5 else None
+    return lambda known: known if known.upper > 0.0 else None
 
 
 def plan_of(text, *known):
