@@ -170,8 +170,7 @@ def _look_up(binder: Binder, slots: Mapping[str, int], then: Step) -> Step:
     def step(search: Search) -> None:
         key = key_of(search.values)
         known = search.scene.rows(predicate).get(key)
-        bound = None if known is None else reading(known)
-        if bound is not None:
+        if known is not None and (bound := reading(known)) is not None:
             search.keys[i] = key
             search.bounds[i] = bound
             then(search)
@@ -189,8 +188,7 @@ def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
         for key in min([rows for _, rows, _ in relations], key=len):
             for i, rows, reading in relations:
                 known = rows.get(key)
-                bound = None if known is None else reading(known)
-                if bound is None:
+                if known is None or (bound := reading(known)) is None:
                     break
                 keys[i] = key
                 bounds[i] = bound
