@@ -43,7 +43,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class BatchOutcome:
-    """What one evaluation of B scenes gave; arrays of the caller's kind, numpy's or torch's.
+    """What one evaluation of B scenes gave; arrays of the caller's kind.
 
     Attributes:
         reward: float (B,), R.

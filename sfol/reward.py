@@ -46,7 +46,7 @@ class Numbers(dict[str, float]):
             raise UsageError(
                 f"{self._what} has no '{name}'", name=name, suggestion=did_you_mean(name, self)
             )
-        if arrays.is_tensor(number):  # so that gradients reach it
+        if arrays.is_differentiable(number):  # so that gradients reach it
             super().__setitem__(name, number)
             return
         if not float("-inf") < number < float("inf"):
@@ -278,7 +278,7 @@ class RewardFunction:
         }
         bounds = conclude(batch, backend)
         confidences = {
-            head: arrays.where(b.known, self._confidence(b.lower, b.upper), 0.0)
+            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
             for head, b in bounds.items()
         }
         zeros = backend.full(batch.size, 0.0)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, NamedTuple, Protocol, Self
 
-from sfol.arrays import Array
+from sfol.arrays import Array, Backend
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import Bound
 from sfol.literals.search import Constants, Rows, Scene, Step
@@ -28,7 +28,13 @@ class Thresholds(Protocol):
 
 
 class BatchBounds(Protocol):
-    """The bounds of a batch's atoms; `rows` are the numbers of some of them, K."""
+    """The bounds of a batch's atoms; `rows` are the numbers of some of them, K.
+
+    Attributes:
+        backend: the operations on the arrays that it gives.
+    """
+
+    backend: Backend
 
     def lower(self, rows: Array) -> Array:
         """Return the lower bounds, float (K,); they mean nothing where an atom is unknown."""

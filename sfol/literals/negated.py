@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from sfol import arrays
 from sfol.arrays import Array
 from sfol.facts import TRUE, Bound
 from sfol.literals.literal import (
@@ -79,14 +78,12 @@ class Negated(AtomLiteral):
         return f"{self} (it is {scene.bound(self.atom)})"
 
     def batch_bounds(self, atoms: BatchBounds, rows: Array) -> tuple[Array, Array]:
-        known = atoms.known(rows)
-        return (
-            arrays.where(known, 1.0 - atoms.upper(rows), 1.0),
-            arrays.where(known, 1.0 - atoms.lower(rows), 1.0),
-        )
+        where, known = atoms.backend.where, atoms.known(rows)
+        lower = where(known, 1.0 - atoms.upper(rows), 1.0)
+        return lower, where(known, 1.0 - atoms.lower(rows), 1.0)
 
     def batch_holds(self, atoms: BatchBounds, rows: Array, thresholds: Thresholds) -> Array:
-        lower = arrays.where(atoms.known(rows), 1.0 - atoms.upper(rows), 1.0)
+        lower = atoms.backend.where(atoms.known(rows), 1.0 - atoms.upper(rows), 1.0)
         return lower >= thresholds.negation_threshold
 
     def query(self, thresholds: Thresholds) -> QueryClause:
