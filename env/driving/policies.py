@@ -16,7 +16,7 @@ from env.perception.weights_folder import weights_folder
 from env.street.crossing import OccludedCrossing
 from env.street.observation import ObservationKind, Observer, observer_of
 from env.world.camera import DashCameraParameters
-from sfol.errors import MissingExtraError, UsageError, did_you_mean
+from sfol.errors import UsageError, did_you_mean, missing_extra
 
 _PROJECT = Path(__file__).resolve().parents[2]
 TRAINED = "trained"
@@ -176,10 +176,8 @@ def _load(path: Path) -> Any:
     try:
         from stable_baselines3 import PPO  # noqa: PLC0415  (slow, and few need it)
     except ImportError:
-        raise MissingExtraError(
-            "policy files need stable-baselines3, which is not installed",
-            name="aeb",
-            suggestion="pip install 'sfol[aeb]'",
+        raise missing_extra(
+            "stable-baselines3", "policies in .zip files need it", extra="aeb", python="3.11"
         ) from None
     try:
         return PPO.load(path, device="cpu").policy

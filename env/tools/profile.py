@@ -22,7 +22,7 @@ from rich.table import Table
 
 from env.driving.setup import load_setup
 from sfol.cli import run
-from sfol.errors import MissingExtraError
+from sfol.errors import missing_extra
 from sfol.writing import replacing
 
 _STEPS = 512  # of all streets, for one update; three updates are recorded
@@ -139,11 +139,7 @@ def _name(frame: Mapping[str, str]) -> str:
 def _sample(kind: str, file: Path, perception: str) -> None:
     spy = shutil.which("py-spy", path=str(Path(sys.executable).parent)) or shutil.which("py-spy")
     if spy is None:
-        raise MissingExtraError(
-            "a profile needs py-spy, which is not installed",
-            name="py-spy",
-            suggestion="pip install py-spy",
-        )
+        raise missing_extra("py-spy", "a profile needs it")
     subprocess.run(
         [
             *(spy, "record", "--subprocesses", "--rate", str(_RATE), "--format", kind),

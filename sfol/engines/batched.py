@@ -128,8 +128,9 @@ class _Evaluation:
         return reduce(operator.and_, holds)
 
     def _pooled(self, rule: Groundings, heads: int) -> Bounds:
-        """Average over each literal's distinct atoms, all together."""
-        backend = self.backend
+        """Combine each literal's distinct atoms, all together."""
+        backend, pool = self.backend, self._conjunction.pooled
+        assert pool is not None  # a checked knowledge base pools only where that is defined
         satisfies = self._satisfying(rule)
         lower = upper = count = backend.full(heads, 0.0)
         for literal, pairs in zip(rule.literals, rule.pairs, strict=True):
@@ -140,7 +141,7 @@ class _Evaluation:
             upper = upper + backend.sum_of(uppers, groups, heads)
             count = count + backend.count_of(groups, heads)
         atoms = backend.maximum(count, 1.0)
-        return Bounds(lower / atoms, upper / atoms, count > 0.0)
+        return Bounds(pool(lower, atoms), pool(upper, atoms), count > 0.0)
 
     def _best(self, rule: Groundings, heads: int) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""

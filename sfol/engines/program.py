@@ -46,8 +46,6 @@ class Program:
         rules = list(kb.rules.values())
         heads = kb.heads
         order = TopologicalSorter(dependencies(rules)).static_order()
-        bodies = [rule.clause.body for rule in rules] + [c.when for c in kb.entity_weights]
-        read = frozenset(name for body in bodies for name in body.predicates)
         return cls(
             knowledge_base=kb,
             strata=tuple(name for name in order if name in heads),
@@ -60,7 +58,7 @@ class Program:
                 for head in heads
             },
             subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
-            read_heads=read.intersection(heads),
+            read_heads=kb.read.intersection(heads),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
         )
 

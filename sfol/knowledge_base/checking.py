@@ -35,6 +35,7 @@ from sfol.knowledge_base.parts import (
     Rule,
     dependencies,
 )
+from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
     is_name,
@@ -211,7 +212,10 @@ class _Checker:
         # when its atoms are checked.
         heads = {
             rule.clause.head.predicate: Predicate(
-                rule.clause.head.predicate, rule.clause.head.arguments, rule.description
+                rule.clause.head.predicate,
+                rule.clause.head.arguments,
+                rule.description,
+                declared=False,
             )
             for rule in reversed(list(rules.values()))
         }
@@ -305,10 +309,11 @@ class _Checker:
 
     def _check_semantics(self) -> None:
         semantics = self._file.semantics
-        if semantics.groundings == "pooled" and semantics.conjunction != "average":
+        pooling = " and ".join(f"'{name}'" for name, c in CONJUNCTIONS.items() if c.pooled)
+        if semantics.pools and CONJUNCTIONS[semantics.conjunction].pooled is None:
             self._report(
                 ("semantics", "groundings"),
-                f"'pooled' is defined for the average, not for '{semantics.conjunction}'",
+                f"'pooled' is defined for {pooling}, not for '{semantics.conjunction}'",
                 "pooled",
                 "write groundings: best",
             )
