@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from typing import TypeVar
 
+from sfol.clauses import Body, parse_clause, parse_condition
 from sfol.errors import (
     ClauseError,
     InvalidKnowledgeBase,
@@ -37,11 +38,8 @@ from sfol.knowledge_base.parts import (
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
-    Body,
     is_name,
     is_variable,
-    parse_clause,
-    parse_condition,
     parse_ground_atom,
     parse_signature,
     variables,
@@ -243,19 +241,12 @@ class _Checker:
         must_bind: tuple[str, ...],
     ) -> None:
         offsets = dict(reversed(body.offsets))
-        if not body.literals:
+        if not body.atom_literals:
             self._report(path, "the body has guards and no literal", str(body))
-        for literal in body.literals:
-            offset = offsets.get(literal.atom.predicate, 0)
-            self._check_atom(path, literal.atom, predicates, offset)
-        positive = (literal.atom.arguments for literal in body.literals if not literal.negated)
-        bound = {term for arguments in positive for term in arguments}
-        checked = (
-            *must_bind,
-            *(term for lit in body.literals if lit.negated for term in lit.atom.arguments),
-            *(term for guard in body.guards for term in guard),
-        )
-        for variable in variables(*checked):
+        for atom in (atom for literal in body.literals for atom in literal.atoms):
+            self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
+        bound = body.bound_variables
+        for variable in variables(*must_bind, *body.terms):
             if variable not in bound:
                 self._report(
                     path,
