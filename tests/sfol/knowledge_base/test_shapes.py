@@ -41,14 +41,30 @@ weights: {care: {coefficients: {careful: 2.0}}}
 terms: {haste: {parameters: {k: 3.0}}}
 """
 DEEP = [[[[[[[[[[[[1]]]]]]]]]]]]
-SHAPES = [None, True, 3, -1.5e300, "", "x", "Hot(X)", [], [None], {}, {"x": None}, [{"a": []}], DEEP]
+SHAPES = [
+    None,
+    True,
+    3,
+    -1.5e300,
+    "",
+    "x",
+    "Hot(X)",
+    [],
+    [None],
+    {},
+    {"x": None},
+    [{"a": []}],
+    DEEP,
+]
 
 
 def paths(data, above=()):
     yield above
     children = data.items() if isinstance(data, dict) else enumerate(data)
     for key, child in children if isinstance(data, dict | list) else ():
-        yield from paths(child, (*above, key)) if isinstance(child, dict | list) else [(*above, key)]
+        yield from (
+            paths(child, (*above, key)) if isinstance(child, dict | list) else [(*above, key)]
+        )
 
 
 def replaced(data, path, value):
