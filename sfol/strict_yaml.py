@@ -27,6 +27,12 @@ Scalar = str | int | float | bool | None
 
 _TAG = "tag:yaml.org,2002:"
 
+# What would reach a terminal as a command, turn the direction of a line, or is no character:
+# controls but tab and line ends, marks of direction, halves of surrogate pairs.
+_CONTROLS = r"\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff"
+_NEVER_IN_A_TEXT = re.compile(f"[{_CONTROLS}]")
+_NEVER_IN_A_KEY = re.compile(rf"[{_CONTROLS}\t\n\r\x85\u2028\u2029]")
+
 
 class _Kind(NamedTuple):
     """How a plain scalar is recognised: by its first character, then as a whole."""
@@ -265,7 +271,7 @@ class _Builder:
         for key_node, child in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise self._error(key_node, "a key must be a name")
-            key = self._text(key_node)
+            key = self._text(key_node, _NEVER_IN_A_KEY)
             if key in data:
                 raise self._error(key_node, f"the key '{key}' stands twice", key)
             data[key] = self._noted(key, child, key_node.start_mark, places, depth)
@@ -281,10 +287,11 @@ class _Builder:
             raise self._error(node, f"'{node.value[:40]}' is not a value of this kind")
         return kind.value(node.value)
 
-    def _text(self, node: yaml.ScalarNode) -> str:
+    def _text(self, node: yaml.ScalarNode, refused: re.Pattern[str] = _NEVER_IN_A_TEXT) -> str:
         text: str = node.value
-        if any("\ud800" <= character <= "\udfff" for character in text):
-            raise self._error(node, "half of a surrogate pair is not a character")
+        found = refused.search(text)
+        if found:
+            raise self._error(node, f"a text can't have the character {found.group()!a}")
         return text
 
     def _error(self, node: yaml.Node, message: str, name: str | None = None) -> FileError:

@@ -13,6 +13,12 @@ def write(path, text="new", **options):
         part.write_text(text)
 
 
+def fail_half_way(path):
+    with replacing(path) as part:
+        part.write_text("half")
+        raise ZeroDivisionError
+
+
 def test_a_file_takes_its_place_and_its_mode_stays(tmp_path):
     path = tmp_path / "made" / "on" / "the" / "way" / "x.txt"
     write(path, "old")
@@ -26,9 +32,8 @@ def test_a_file_takes_its_place_and_its_mode_stays(tmp_path):
 def test_an_exception_leaves_everything_as_it_was(tmp_path):
     path = tmp_path / "x.txt"
     path.write_text("old")
-    with pytest.raises(ZeroDivisionError), replacing(path) as part:
-        part.write_text("half")
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        fail_half_way(path)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["x.txt"]
 
