@@ -19,6 +19,7 @@ GROUND = {
         "errors",
         "arrays",
         "writing",
+        "strict_yaml",
         "syntax",
         "facts",
         "formula",

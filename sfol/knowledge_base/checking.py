@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from sfol.clauses import Body, parse_clause, parse_condition
 from sfol.errors import (
+    MAXIMUM_ERRORS,
     ClauseError,
     InvalidKnowledgeBase,
     KnowledgeBaseError,
@@ -201,6 +202,14 @@ class _Checker:
         if formula is None:
             return None
         self._parsed(path, formula.check_names, {*signals, *entry.parameters})
+        for parameter in entry.parameters:
+            if parameter not in formula.names:
+                self._report(
+                    ("terms", name, "parameters", parameter),
+                    f"the formula of '{name}' does not use the parameter '{parameter}'",
+                    parameter,
+                    did_you_mean(parameter, formula.names.difference(signals)),
+                )
         return RewardTerm(name, entry.weight, formula, entry.parameters, entry.description)
 
     # -- rules --------------------------------------------------------------------------------
@@ -368,7 +377,7 @@ class _Checker:
         except SfolError as error:
             offset = error.offset if isinstance(error, ClauseError) else 0
             place = self._place_of(path, offset)
-            self._errors.append(error.at(place) if place else error)
+            self._add(error.at(place) if place else error)
             return None
 
     def _report(
@@ -380,9 +389,12 @@ class _Checker:
         offset: int = 0,
     ) -> None:
         place = self._place_of(path, offset)
-        self._errors.append(
-            KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place)
-        )
+        self._add(KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place))
+
+    def _add(self, error: SfolError) -> None:
+        self._errors.append(error)
+        if len(self._errors) == MAXIMUM_ERRORS:  # the rest of a large file would take long
+            raise InvalidKnowledgeBase(self._errors)
 
     def _unknown(
         self,

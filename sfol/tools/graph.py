@@ -98,7 +98,7 @@ def mermaid(kb: KnowledgeBase) -> str:
 
 
 def _quoted(name: str) -> str:
-    return name.replace('"', "#quot;")  # Mermaid's own escape
+    return " ".join(name.split()).replace('"', "#quot;")  # Mermaid's own escape
 
 
 # -- SVG ----------------------------------------------------------------------------------------
