@@ -26,108 +26,24 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from sfol.engines.compiled import CompiledEngine, Conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
+from sfol.engines.tables import Tables
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.operators import DISJUNCTIONS, negation
-from sfol.syntax import Atom, Guard, is_variable, variables
+from sfol.literals import Literal, QueryClause
+from sfol.literals.search import Constants, Rows
+from sfol.operators import DISJUNCTIONS
+from sfol.syntax import Atom, is_variable, variables
 
-_NOT = "not."
 _IS = "is."
-_DIFFERENT = "are.different"
 _RESERVED = "forall"
-
-Rows = Mapping[Constants, Bound]
-
-
-class QueryClause(NamedTuple):
-    """One clause in the body of a query.
-
-    Attributes:
-        predicate: as PyReason knows it.
-        terms: variables and constants, one or two.
-        threshold: the least lower bound.
-        counts: whether its bounds take part in the conjunction.
-    """
-
-    predicate: str
-    terms: Constants
-    threshold: float
-    counts: bool = True
-
-    def __str__(self) -> str:
-        return f"{self.predicate}({','.join(self.terms)}):[{self.threshold!r},1]"
-
-
-class Query(NamedTuple):
-    """One PyReason rule.
-
-    Attributes:
-        rule: the name of the knowledge base's rule that it is, or is a part of.
-        head: with a predicate of its own.
-        body: clauses of one term first, so that PyReason has no reason to reorder them.
-        conjunction: the name of the annotation function.
-    """
-
-    rule: str
-    head: Atom
-    body: tuple[QueryClause, ...]
-    conjunction: str
-
-    @property
-    def name(self) -> str:
-        """What PyReason calls it in its trace."""
-        return f"{self.rule}: {self.head}"
-
-    @property
-    def predicate(self) -> str:
-        """The predicate of the knowledge base that it concludes."""
-        return self.head.predicate.partition(".")[0]
-
-    def __str__(self) -> str:
-        return f"{self.head} : {self.conjunction} <- {', '.join(map(str, self.body))}"
-
-
-@dataclass(frozen=True)
-class Script:
-    """A PyReason program: a graph by its nodes and facts, and rules.
-
-    Attributes:
-        nodes: every constant.
-        facts: what is known, complements of negated predicates among it.
-        queries: the rules.
-    """
-
-    nodes: tuple[str, ...]
-    facts: Mapping[Atom, Bound]
-    queries: tuple[Query, ...]
-
-
-class TraceRow(NamedTuple):
-    """One derivation in PyReason's own trace.
-
-    Attributes:
-        rule: the rule's name.
-        head: what it concluded.
-        bound: with which bound; PyReason leaves out a conclusion of [0, 1].
-        clauses: for each clause of its body, the atoms that satisfied it.
-    """
-
-    rule: str
-    head: Atom
-    bound: Bound
-    clauses: tuple[tuple[str, tuple[Atom, ...]], ...]
-
-    def __str__(self) -> str:
-        atoms = "; ".join(", ".join(map(str, found)) for _, found in self.clauses)
-        return f"{self.rule}: {self.head} {self.bound} from {atoms}"
 
 
 class PyReasonEngine:
@@ -157,6 +73,11 @@ class PyReasonEngine:
         self._kb = kb
         self._compiled = CompiledEngine(kb)
         self._levels = _levels(self.program)
+        self._readers = {
+            literal.query(rule).predicate: literal
+            for rule in kb.rules.values()
+            for literal in rule.clause.body.literals
+        }
         self._numbers = {name: number for number, name in enumerate(kb.rules)}
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -209,10 +130,10 @@ class PyReasonEngine:
             derived |= conclusions
             for atom, bound in conclusions.items():
                 tables.put(atom, bound)
-        return Conclusions(tables, derived)
+        return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
-        scene = _Scene(self._kb, tables)
+        scene = _Scene(self._kb, tables, self._readers)
         queries = tuple(query for rule in rules for query in self._queries(rule, scene))
         read = dict.fromkeys(clause.predicate for query in queries for clause in query.body)
         # PyReason looks at its rules only once a fact has told it something, which [0, 1] does not.
@@ -278,12 +199,18 @@ class PyReasonEngine:
 
 
 class _Scene:
-    """What is known, with the predicates that queries need besides the knowledge base's own."""
+    """What is known, with the predicates that queries need besides the knowledge base's own.
 
-    def __init__(self, kb: KnowledgeBase, tables: Tables) -> None:
+    Args:
+        kb: the knowledge base.
+        tables: what is known.
+        readers: predicate of a query → a literal that is put to PyReason with it.
+    """
+
+    def __init__(self, kb: KnowledgeBase, tables: Tables, readers: Mapping[str, Literal]) -> None:
         self.domain = _domain(kb, tables)
-        self._kb = kb
         self._tables = tables
+        self._readers = readers
         self._rows: dict[str, Rows] = {}
 
     def rows(self, predicate: str) -> Rows:
@@ -298,61 +225,22 @@ class _Scene:
         return [arguments for arguments, bound in rows if bound.lower >= clause.threshold]
 
     def _make(self, predicate: str) -> Rows:
-        if predicate == _DIFFERENT:
-            return dict.fromkeys(itertools.permutations(self.domain, 2), TRUE)
         if predicate.startswith(_IS):
             return {(predicate.removeprefix(_IS),): TRUE}
-        if predicate.startswith(_NOT):
-            return self._complement(predicate.removeprefix(_NOT))
-        rows = self._tables.rows(predicate).items()
-        return {arguments: bound for arguments, bound in rows if bound.upper > 0}
-
-    def _complement(self, predicate: str) -> Rows:
-        rows = self._tables.rows(predicate)
-        arity = self._kb.predicates[predicate].arity
-        return {
-            arguments: negation(rows[arguments]) if arguments in rows else TRUE
-            for arguments in itertools.product(self.domain, repeat=arity)
-        }
-
-
-def joined(
-    relations: Sequence[tuple[Sequence[str], Iterable[Constants]]],
-    values: Mapping[str, str] | None = None,
-) -> Iterator[dict[str, str]]:
-    """Yield every way to give names values such that each relation has a row of them.
-
-    Args:
-        relations: the names of each relation's columns, and its rows.
-        values: names that have a value already.
-    """
-    values = dict(values or {})
-    if not relations:
-        yield values
-        return
-    (names, rows), *others = relations
-    for row in rows:
-        more = dict(zip(names, row, strict=True))
-        # The second condition is for a name that stands twice.
-        if all(values.get(name, value) == value for name, value in more.items()) and (
-            tuple(more[name] for name in names) == tuple(row)
-        ):
-            yield from joined(others, {**values, **more})
+        return self._readers[predicate].query_rows(self._tables, self.domain)
 
 
 def _query_body(rule: Rule) -> list[QueryClause]:
-    """Return the literals and guards of a rule as clauses that PyReason understands."""
-    body = rule.clause.body
-    clauses = [
-        QueryClause(f"{_NOT}{atom.predicate}", atom.arguments, rule.negation_threshold)
-        if negated
-        else QueryClause(atom.predicate, atom.arguments, rule.threshold)
-        for atom, negated in body.literals
+    """Return the literals of a rule as clauses that PyReason understands."""
+    clauses = [literal.query(rule) for literal in rule.clause.body.literals]
+    pairs = {clause.terms for clause in clauses if not clause.symmetric}
+    # What has no direction takes that of a literal which joins the same two terms.
+    return [
+        clause._replace(terms=clause.terms[::-1])
+        if clause.symmetric and clause.terms not in pairs
+        else clause
+        for clause in clauses
     ]
-    pairs = {clause.terms for clause in clauses}
-    # Difference has no direction: where a literal joins the same two terms, it takes the literal's.
-    turned = [guard if tuple(guard) in pairs else guard[::-1] for guard in body.guards]
-    return [*clauses, *(QueryClause(_DIFFERENT, tuple(terms), 1.0, False) for terms in turned)]
 
 
 def _head_values(
@@ -459,7 +347,7 @@ def _levels(program: Program) -> list[list[Rule]]:
     levels: dict[int, list[Rule]] = {}
     for head in program.strata:
         rules = [rule for rule, _ in program.rules[head]]
-        read = {lit.atom.predicate for rule in rules for lit in rule.clause.body.literals}
+        read = {name for rule in rules for name in rule.clause.body.predicates}
         depths[head] = 1 + max((depths.get(name, 0) for name in read), default=0)
         levels.setdefault(depths[head], []).extend(rules)
     return [levels[depth] for depth in sorted(levels)]
@@ -467,13 +355,9 @@ def _levels(program: Program) -> list[list[Rule]]:
 
 def _domain(kb: KnowledgeBase, tables: Tables) -> Constants:
     """Return every constant: those of facts, the subject and those that only rules name."""
-    atoms = [atom for atom, _ in tables.items()]
-    guards: list[Guard] = []
+    terms = {kb.subject, *(term for atom, _ in tables.items() for term in atom.arguments)}
     for rule in kb.rules.values():
-        atoms += [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
-        guards += rule.clause.body.guards
-    terms = {kb.subject, *(term for atom in atoms for term in atom.arguments)}
-    terms |= {term for guard in guards for term in guard}
+        terms.update(rule.clause.head.arguments, rule.clause.body.terms)
     return tuple(sorted(term for term in terms if not is_variable(term)))
 
 

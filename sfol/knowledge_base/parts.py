@@ -5,24 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from sfol.clauses import Body, Clause
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Weight
-from sfol.syntax import Atom, Body, Clause
+from sfol.syntax import Atom
 
 
 @dataclass(frozen=True)
 class Predicate:
-    """A declared predicate.
+    """A predicate of a knowledge base.
 
     Attributes:
         name: such as ``CenterOf``.
         parameters: one or two variables, such as ``("X", "Y")``.
-        description: what an atom of it says; empty for heads that only rules introduce.
+        description: what an atom of it says.
+        declared: whether the file declares it; otherwise it is written like the head of its first
+            rule and described like that rule.
     """
 
     name: str
     parameters: tuple[str, ...]
     description: str = ""
+    declared: bool = True
 
     @property
     def arity(self) -> int:
@@ -104,6 +108,5 @@ def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
     """Return for every head the predicates that its rules' bodies read."""
     graph: dict[str, set[str]] = {}
     for rule in rules:
-        body = {literal.atom.predicate for literal in rule.clause.body.literals}
-        graph.setdefault(rule.clause.head.predicate, set()).update(body)
+        graph.setdefault(rule.clause.head.predicate, set()).update(rule.clause.body.predicates)
     return graph

@@ -26,14 +26,14 @@ from pathlib import Path
 from statistics import fmean
 from typing import Literal as Choice
 
+from sfol.clauses import Body
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.positions import Keys, entries
-from sfol.knowledge_base.vocabulary import declared, read
-from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
+from sfol.literals import Literal, Negated, Positive
+from sfol.syntax import Atom, variables
 from sfol.tools.replay import ReplayedEpisode
 
-ENDINGS = ("collision", "timeout", "success")
 DOMINANT = 0.9
 
 _OF_EPISODES = ("SF007", "SF008")
@@ -78,17 +78,17 @@ def lint_episodes(
     kb: KnowledgeBase,
     episodes: Sequence[ReplayedEpisode],
     *,
+    endings: Sequence[str],
     dominant: float = DOMINANT,
-    endings: Sequence[str] = ENDINGS,
 ) -> tuple[Finding, ...]:
     """Return what is odd about the rewards of recorded episodes.
 
     Args:
         kb: the knowledge base that they were replayed under.
         episodes: as `sfol.tools.replay.replay` returns them.
-        dominant: the share of all reward from which one term is too much.
         endings: how episodes end, from the worst to the best. Source: the sanity checks of
             Knox et al., "Reward (Mis)design for Autonomous Driving", arXiv 2104.13906.
+        dominant: the share of all reward from which one term is too much.
     """
     return (*_dominates(kb, episodes, dominant), *_misordered(episodes, endings))
 
@@ -98,13 +98,12 @@ def lint_episodes(
 
 def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
     """SF001; a head that nobody declares and whose rules never fire is never known itself."""
-    observable = declared(kb)
     reasons: dict[str, str] = {}
     while True:
         barren = {
             head
             for head in kb.heads
-            if head not in observable
+            if head not in kb.declared
             and all(
                 name in reasons
                 for name, rule in kb.rules.items()
@@ -131,11 +130,11 @@ def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
 
 def _why_never(rule: Rule, barren: set[str]) -> str | None:
     body = rule.clause.body
-    for guard in body.guards:
-        if guard.left == guard.right:
-            return f"'{guard}' is never true"
     for literal in body.literals:
-        if not literal.negated and literal.atom.predicate in barren:
+        if literal.never_holds():
+            return f"'{literal}' is never true"
+    for literal in body.atom_literals:
+        if literal.binds and literal.atom.predicate in barren:
             return f"no rule that can fire concludes '{literal.atom.predicate}'"
     for atom in _contradictions(body):
         if _excludes(rule):
@@ -159,8 +158,11 @@ def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
 
 
 def _contradictions(body: Body) -> list[Atom]:
-    negated = {literal.atom for literal in body.literals if literal.negated}
-    return [lit.atom for lit in body.literals if not lit.negated and lit.atom in negated]
+    return [
+        literal.atom
+        for literal in body.literals
+        if isinstance(literal, Positive) and Negated(literal.atom) in body.literals
+    ]
 
 
 def _excludes(rule: Rule) -> bool:
@@ -170,9 +172,9 @@ def _excludes(rule: Rule) -> bool:
 
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
-    reads = read(kb)
-    for name in declared(kb):
-        if name not in reads:
+    used = kb.read | kb.weighed
+    for name in kb.declared:
+        if name not in used:
             yield Finding(
                 "SF003",
                 "warning",
@@ -228,46 +230,26 @@ def _covers(general: Rule, special: Rule) -> bool:
         return False
     if general.negation_threshold > special.negation_threshold:
         return False
-    start = _match(general.clause.head, special.clause.head, {})
+    start = general.clause.head.matched(special.clause.head, {})
     return start is not None and _embeds(general.clause.body, special.clause.body, start)
 
 
 def _embeds(general: Body, special: Body, values: Mapping[str, str]) -> bool:
     def rest(literals: Sequence[Literal], values: Mapping[str, str]) -> bool:
         if not literals:
-            return all(_has(special, guard, values) for guard in general.guards)
+            return True
         first, *others = literals
-        return any(
-            rest(others, extended)
-            for literal in special.literals
-            if literal.negated == first.negated
-            and (extended := _match(first.atom, literal.atom, values)) is not None
-        )
+        matches = (first.matched(literal, values) for literal in special.literals)
+        return any(rest(others, extended) for extended in matches if extended is not None)
 
     return rest(general.literals, values)
-
-
-def _match(pattern: Atom, atom: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
-    """Extend a substitution so that the pattern becomes the atom, if one can."""
-    if pattern.predicate != atom.predicate or len(pattern.arguments) != len(atom.arguments):
-        return None
-    extended = dict(values)
-    for term, target in zip(pattern.arguments, atom.arguments, strict=True):
-        if (extended.setdefault(term, target) if is_variable(term) else term) != target:
-            return None
-    return extended
-
-
-def _has(body: Body, guard: Guard, values: Mapping[str, str]) -> bool:
-    wanted = {values.get(term, term) for term in guard}
-    return any(set(other) == wanted for other in body.guards)
 
 
 def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
     several = [
         rule.name
         for rule in kb.rules.values()
-        if set(_body_variables(rule)) - set(rule.clause.head.arguments)
+        if set(variables(*rule.clause.body.terms)) - set(rule.clause.head.arguments)
     ]
     if kb.semantics.pools and several:
         yield Finding(
@@ -278,11 +260,6 @@ def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
             ("semantics",),
             "groundings: best is monotone; the paper's rules mean pooled",
         )
-
-
-def _body_variables(rule: Rule) -> tuple[str, ...]:
-    literals = rule.clause.body.literals
-    return variables(*(term for literal in literals for term in literal.atom.arguments))
 
 
 # -- recorded episodes --------------------------------------------------------------------------
