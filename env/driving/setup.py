@@ -36,7 +36,7 @@ class Stage(_Section):
         description="levels to draw from; one that is named twice comes twice as often",
     )
     occlusion: tuple[CellOcclusion, ...] = Field(
-        ("partial", "full"), min_length=1, description="kinds to draw from"
+        ("partial", "full"), min_length=1, description="kinds of occlusion to draw from"
     )
 
     @property
@@ -105,10 +105,10 @@ class Learning(_Section):
 class Setup(_Section):
     """A training: its street, its reward, its observation and its hyperparameters."""
 
-    version: Literal[1] = Field(description="of this format")
+    version: Literal[1] = Field(description="version of this format")
     name: str = Field(
         pattern=r"^[a-z0-9_]+$",
-        description="of the setup and of its trainings' folders: a to z, digits, _",
+        description="name of the setup and of its trainings' folders: a to z, digits, _",
     )
     description: str = Field("", description="what it is for")
     rules: tuple[str, ...] = Field(
@@ -118,7 +118,7 @@ class Setup(_Section):
     perception: Literal["simulator", "unet", "truth"] = Field(
         "simulator", description="where facts come from"
     )
-    fusion: Method = Field("add", description="of SSI and SF, for the observation vsr")
+    fusion: Method = Field("add", description="how SSI and SF are fused, for the observation vsr")
     speed: bool = Field(
         default=False, description="whether ego's speed is added to the observation vsr"
     )
@@ -136,7 +136,7 @@ class Setup(_Section):
         min_length=1, description="parts of the training, one after the other"
     )
     streets: Positive = Field(2, description="how many are driven at once, each in its own process")
-    seed: int = Field(0, ge=0, description="of the streets, the networks and the noise")
+    seed: int = Field(0, ge=0, description="seed of the streets, the networks and the noise")
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "
