@@ -12,7 +12,7 @@ import networkx as nx
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("sfol", "vsr", "env")
 # A knowledge base as a PyReason program is the one import that goes up, and only when it is called.
-UPWARDS = {("sfol.knowledge_base", "sfol.engines")}
+UPWARDS = {("sfol.knowledge_base.model", "sfol.engines.pyreason")}
 
 WIDTH, HEIGHT = 126, 34  # of a box
 GAP, RISE = 14, 62  # between two boxes of a row; from one row to the next
@@ -55,20 +55,20 @@ def drawing() -> str:
 def import_graph() -> nx.DiGraph[str]:
     """Return the rooms, with an edge from each to every room that a module of it imports.
 
-    The modules at the top of a package are two rooms: the ground, which no folder is imported from,
-    and what stands on the folders and bears the package's own name.
+    Modules at the top of a package are one room if they stand on the same folders of it.
     """
     paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     modules = {_name(path): path for path in paths if path.stem != "__main__"}
-    single: nx.DiGraph[str] = nx.DiGraph()
-    single.add_nodes_from(modules)
-    single.add_edges_from(
+    imports: nx.DiGraph[str] = nx.DiGraph()
+    imports.add_nodes_from(modules)
+    imports.add_edges_from(
         (name, found) for name, path in modules.items() for found in _imported(path, modules)
     )
-    room_of = {name: _room(name, single) for name in modules}
+    imports.remove_edges_from(UPWARDS)
+    room_of = _rooms(imports)
     graph: nx.DiGraph[str] = nx.DiGraph()
     graph.add_nodes_from(dict.fromkeys(room_of.values()))
-    edges = {(room_of[name], room_of[found]) for name, found in single.edges} - UPWARDS
+    edges = {(room_of[name], room_of[found]) for name, found in imports.edges}
     graph.add_edges_from(sorted((upper, lower) for upper, lower in edges if upper != lower))
     return graph
 
@@ -88,20 +88,25 @@ def _imported(path: Path, modules: Mapping[str, Path]) -> Iterator[str]:
             yield from {alias.name for alias in node.names} & modules.keys()
 
 
-def _room(name: str, modules: nx.DiGraph[str]) -> str:
-    package, *rest = name.split(".")
-    if _in_folder(name):
-        return f"{package}.{rest[0]}"
-    on_folders = any(
-        _in_folder(found) and found.split(".")[0] == package
-        for found in nx.descendants(modules, name)
-    )
-    return package if on_folders else f"{package}: ground"
+def _rooms(imports: nx.DiGraph[str]) -> dict[str, str]:
+    """Return the room of each module: its folder, or those at the top that stand where it does."""
+    rooms = {name: folder for name in imports if (folder := _folder(name))}
+    below: dict[tuple[str, frozenset[str]], list[str]] = {}
+    for name in imports.nodes - rooms.keys():
+        found = (_folder(lower) for lower in nx.descendants(imports, name))
+        own = frozenset(f for f in found if f and _package(f) == _package(name))
+        below.setdefault((_package(name), own), []).append(name)
+    for (package, folders), names in below.items():
+        several = f"{package}.*" if folders else "ground"
+        label = several if len(names) > 1 else names[0].rpartition(".")[2]
+        rooms |= dict.fromkeys(names, f"{package}: {label}")
+    return rooms
 
 
-def _in_folder(name: str) -> bool:
+def _folder(name: str) -> str | None:
     package, *rest = name.split(".")
-    return bool(rest) and (ROOT / package / rest[0]).is_dir()
+    inside = rest and (ROOT / package / rest[0]).is_dir()
+    return f"{package}.{rest[0]}" if inside else None
 
 
 # -- where it stands ----------------------------------------------------------------------------
@@ -136,7 +141,7 @@ def _frame(package: str, x: float, width: float, height: float) -> str:
 
 def _box(room: str, x: float, y: float) -> str:
     page = _package(room) if ":" in room else room
-    label = room.partition(": ")[2] or room.partition(".")[2] or f"{room}.*"
+    label = room.partition(": ")[2] or room.partition(".")[2]
     return (
         f'<a href="../reference/api/{page}.html"><title>{escape(_purpose(page))}</title>'
         f'<rect class="room" x="{x}" y="{y}" width="{WIDTH}" height="{HEIGHT}" rx="5"/>'

@@ -367,7 +367,7 @@ def study(
 
     Random scenes of 1 to 50 entities are encoded and decoded again. It takes some ten minutes; a
     study that was stopped goes on from where it was. Numbers go to results/capacity.json, the plot
-    to docs/images/capacity.png, the table into docs/descriptor.md.
+    to docs/images/capacity.png, the table into docs/explanation/descriptor.md.
     """
     settings = {
         "command": "python -m vsr.hypervectors.capacity",

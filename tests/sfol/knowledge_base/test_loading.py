@@ -61,7 +61,9 @@ def test_what_extends_a_base_keeps_its_rules_and_changes_its_numbers():
 
 def test_the_hash_is_of_the_meaning_and_not_of_the_text(tmp_path):
     plain = KnowledgeBase.load(write(tmp_path, "a", BASE))
-    commented = KnowledgeBase.load(write(tmp_path, "b", "# hello\n" + BASE.replace("X is hot.", "Ouch.")))
+    commented = KnowledgeBase.load(
+        write(tmp_path, "b", "# hello\n" + BASE.replace("X is hot.", "Ouch."))
+    )
     changed = KnowledgeBase.load(write(tmp_path, "c", BASE.replace("{k: 2.0}", "{k: 2.5}")))
     assert plain.hash == commented.hash != changed.hash
 
@@ -89,7 +91,9 @@ def test_a_replaced_rule_keeps_nothing_of_the_old_one(tmp_path):
         "care: careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X).",
         "care: {rule: 'careful(X) :- Person(X).', threshold: 0.7, description: old}",
     )
-    kb = KnowledgeBase.load(overlay(tmp_path, "rules: {care: {rule: 'careful(X) :- Hot(X).'}}\n", base))
+    kb = KnowledgeBase.load(
+        overlay(tmp_path, "rules: {care: {rule: 'careful(X) :- Hot(X).'}}\n", base)
+    )
     assert (kb.rules["care"].threshold, kb.rules["care"].description) == (0.0, "")
 
 
