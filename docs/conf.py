@@ -11,7 +11,13 @@ project = "sfol"
 author = "The sfol maintainers"
 copyright = "2026, The sfol maintainers"
 version = release = sfol.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "generated",  # the last two are files beside this one
+    "known_names",
+]
 exclude_patterns = ["_build"]
 
 myst_heading_anchors = 4
