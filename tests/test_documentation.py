@@ -17,7 +17,9 @@ import yaml
 
 import sfol
 from env.cli.app import app as aeb
-from env.driving.setup import Setup
+from env.driving.drivers import DRIVERS
+from env.driving.setup import Setup, setup_names
+from env.evaluation.metrics import METRICS
 from sfol.cli.app import app as sfol_app
 from sfol.errors import SfolError
 from sfol.knowledge_base.loading import bundled_names
@@ -275,3 +277,10 @@ def test_the_reference_says_what_every_key_means(generated, page):
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table, re.MULTILINE)
     assert len(rows) > 20
     assert [key for key, meaning in rows if not meaning.strip()] == []
+
+
+def test_the_reference_has_every_driver_metric_and_bundled_setup():
+    metrics = (DOCS / "reference/metrics.md").read_text("utf-8")
+    setups = (DOCS / "reference/setup.md").read_text("utf-8")
+    assert [n for n in (*DRIVERS, *(m.name for m in METRICS)) if f"`{n}`" not in metrics] == []
+    assert [name for name in setup_names() if f"`{name}`" not in setups] == []
