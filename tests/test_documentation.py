@@ -1,7 +1,5 @@
 """What the documentation shows is true: its code runs, its files load, its commands exist."""
 
-# ruff: noqa: E402  (what the pages need may not be installed)
-
 import ast
 import doctest
 import importlib
