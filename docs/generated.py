@@ -10,7 +10,7 @@ import ast
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,10 +91,16 @@ def command(name: str) -> str:
     group: Any = typer.main.get_command(app)
     context = typer.Context(group, info_name=program)
     text = get_docs_for_click(obj=group, ctx=context, name=program)
-    for subcommand in group.commands.values():  # the list of them has shortened sentences
-        line = f"* `{subcommand.name}`: {_first_line(subcommand.callback)}"
-        text = re.sub(rf"^\* `{subcommand.name}`: .*$", line, text, count=1, flags=re.MULTILINE)
+    for line, sentence in _sentences(group):  # the lists of subcommands have shortened ones
+        text = re.sub(rf"^\* `{line}`: .*$", f"* `{line}`: {sentence}", text, flags=re.MULTILINE)
     return text.partition("\n")[2]  # the page has a title of its own
+
+
+def _sentences(group: Any) -> Iterator[tuple[str, str]]:
+    for name, subcommand in group.commands.items():
+        yield name, inspect.cleandoc(subcommand.help).partition("\n")[0]
+        if hasattr(subcommand, "commands"):
+            yield from _sentences(subcommand)
 
 
 # -- the language -------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import sys
 
-from sfol.errors import MissingExtraError
+from sfol.errors import MissingExtraError, missing_extra
 
 
 def main() -> None:
@@ -12,8 +12,8 @@ def main() -> None:
     except MissingExtraError as error:
         sys.exit(f"aeb: {error}")
     except ModuleNotFoundError as error:
-        hint = "python -m pip install 'sfol[aeb]' on Python 3.11"
-        sys.exit(f"aeb: the bundled street needs {error.name} ({hint})")
+        needed = "the bundled street needs it"
+        sys.exit(f"aeb: {missing_extra(str(error.name), needed, extra='aeb', python='3.11')}")
     run()
 
 

@@ -12,7 +12,8 @@ Example:
 from sfol import errors
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 from sfol.syntax import Atom
 
 __version__ = "0.1.0"

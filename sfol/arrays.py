@@ -1,7 +1,10 @@
-"""What differs between floats, numpy arrays and torch tensors, in one place.
+"""Numbers, and the kinds of array that sfol computes with: a backend for each.
 
-Everything else in sfol is written with the operators that all three understand. torch is never
-imported here: whoever passes a tensor has done so already.
+Everything else in sfol is written with the operators that numbers and all arrays understand, and
+asks here for the rest. A further kind of array (JAX's, CuPy's) is one more class that does what
+`Backend` says, and its place in `BACKENDS`.
+
+torch is never imported here: whoever passes a tensor has done so already.
 """
 
 from __future__ import annotations
@@ -9,174 +12,296 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-Array = Any  # a float, a numpy array or a torch tensor
+Array = Any  # a number, or an array of any backend
 Indices = npt.NDArray[np.intp]
 
 
-def is_tensor(value: object) -> bool:
-    """Tell whether a value is a torch tensor."""
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(value, torch.Tensor)
+class Backend(Protocol):
+    """What one library of arrays does for sfol.
 
+    The static methods work on whatever arrays come in; one argument at least is of this kind, and
+    the others are so too, or numbers, or of a kind that stands later in `BACKENDS`. The other
+    methods work on one-dimensional arrays that `array` or `full` made. Nothing is changed in place.
 
-def is_array(value: object) -> bool:
-    """Tell whether a value is a numpy array or a torch tensor."""
-    return isinstance(value, np.ndarray) or is_tensor(value)
-
-
-def has_nan(value: Array) -> bool:
-    """Tell whether any element is NaN."""
-    if is_tensor(value):
-        return bool(value.isnan().any())
-    return bool(np.isnan(value).any()) if isinstance(value, np.ndarray) else math.isnan(value)
-
-
-def elementwise(name: str, on_floats: Callable[..., float]) -> Callable[..., Array]:
-    """Return a function for floats, arrays and tensors.
-
-    Args:
-        name: what numpy and torch both call it.
-        on_floats: the same for floats, faster there.
+    Attributes:
+        differentiable: whether gradients go through its arrays.
     """
 
-    def function(*values: Array) -> Array:
-        if any(map(is_tensor, values)):
-            torch = sys.modules["torch"]
-            return getattr(torch, name)(*map(torch.as_tensor, values))
-        if any(isinstance(value, np.ndarray) for value in values):
-            return getattr(np, name)(*values)
-        return on_floats(*values)
+    differentiable: ClassVar[bool]
 
-    return function
+    @staticmethod
+    def owns(value: object) -> bool:
+        """Tell whether a value is an array of this kind."""
+        ...
+
+    @staticmethod
+    def has_nan(values: Array) -> bool:
+        """Tell whether any element is NaN."""
+        ...
+
+    @staticmethod
+    def minimum(left: Array, right: Array, /) -> Array:
+        """Return the lesser of two, element by element."""
+        ...
+
+    @staticmethod
+    def maximum(left: Array, right: Array, /) -> Array:
+        """Return the greater of two, element by element."""
+        ...
+
+    @staticmethod
+    def exp(values: Array, /) -> Array:
+        """Return e to the power of every element."""
+        ...
+
+    @staticmethod
+    def log(values: Array, /) -> Array:
+        """Return the natural logarithm of every element."""
+        ...
+
+    @staticmethod
+    def sqrt(values: Array, /) -> Array:
+        """Return the square root of every element."""
+        ...
+
+    @staticmethod
+    def where(condition: Array, then: Array, otherwise: Array) -> Array:
+        """Return `then` where the condition is not zero, else `otherwise`."""
+        ...
+
+    @classmethod
+    def of(cls, values: Sequence[Array]) -> Backend:
+        """Return the backend for a computation with some arrays of this kind, maybe none."""
+        ...
+
+    def array(self, values: Array) -> Array:
+        """Return an array of this kind; real numbers get the precision of the computation."""
+        ...
+
+    def full(self, count: int, value: float | bool) -> Array:
+        """Return an array that holds one value, as real numbers or as truth values."""
+        ...
+
+    def take(self, values: Array, rows: Array) -> Array:
+        """Return the rows of the values."""
+        ...
+
+    def put(self, values: Array, rows: Array, new: Array) -> Array:
+        """Return a copy of the values with other ones in some rows."""
+        ...
+
+    def any_of(self, chosen: Array, groups: Array, count: int) -> Array:
+        """Tell for every group whether any of its members is chosen."""
+        ...
+
+    def sum_of(self, values: Array, groups: Array, count: int) -> Array:
+        """Return the sum of every group."""
+        ...
+
+    def count_of(self, groups: Array, count: int) -> Array:
+        """Return the number of members of every group, as a real number."""
+        ...
+
+    def largest_of(self, values: Array, groups: Array, count: int) -> Array:
+        """Return the largest of every group, or minus infinity."""
+        ...
 
 
-minimum = elementwise("minimum", min)
-maximum = elementwise("maximum", max)
-exp = elementwise("exp", math.exp)
-log = elementwise("log", math.log)
-sqrt = elementwise("sqrt", math.sqrt)
+class _Numpy(Backend):
+    differentiable = False
 
+    minimum = staticmethod(np.minimum)
+    maximum = staticmethod(np.maximum)
+    exp = staticmethod(np.exp)
+    log = staticmethod(np.log)
+    sqrt = staticmethod(np.sqrt)
 
-def where(condition: Array, then: Array, otherwise: Array) -> Array:
-    """Return `then` where the condition is not zero, else `otherwise`."""
-    if is_tensor(condition) or is_tensor(then) or is_tensor(otherwise):
-        torch = sys.modules["torch"]
-        chosen = torch.as_tensor(condition) != 0
-        pair = (torch.as_tensor(value, device=chosen.device) for value in (then, otherwise))
-        return torch.where(chosen, *pair)
-    if any(isinstance(value, np.ndarray) for value in (condition, then, otherwise)):
+    @staticmethod
+    def owns(value: object) -> bool:
+        return isinstance(value, np.ndarray)
+
+    @staticmethod
+    def has_nan(values: Array) -> bool:
+        return bool(np.isnan(values).any())
+
+    @staticmethod
+    def where(condition: Array, then: Array, otherwise: Array) -> Array:
         return np.where(np.asarray(condition) != 0, then, otherwise)
-    return then if condition else otherwise
 
+    @classmethod
+    def of(cls, values: Sequence[Array]) -> Backend:
+        return cls()
 
-class NumpyBackend:
-    """Operations on whole batches, for numpy."""
-
-    def array(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return an array of this kind."""
+    def array(self, values: Array) -> Array:
         return values
 
-    def take(self, values: npt.NDArray[Any], rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the rows of the values."""
+    def full(self, count: int, value: float | bool) -> Array:
+        return np.full(count, value)
+
+    def take(self, values: Array, rows: Array) -> Array:
         return values.take(rows)
 
-    def put(
-        self, values: npt.NDArray[Any], rows: npt.NDArray[Any], new: npt.NDArray[Any]
-    ) -> npt.NDArray[Any]:
-        """Return a copy of the values with other ones in some rows."""
+    def put(self, values: Array, rows: Array, new: Array) -> Array:
         changed = values.copy()
         changed[rows] = new
         return changed
 
-    def any_of(self, chosen: npt.NDArray[Any], groups: npt.NDArray[Any], count: int) -> Array:
-        """Tell for every group whether any of its members is chosen."""
+    def any_of(self, chosen: Array, groups: Array, count: int) -> Array:
         found = np.zeros(count, dtype=bool)
         found[groups[chosen]] = True
         return found
 
-    def sum_of(self, values: npt.NDArray[Any], groups: npt.NDArray[Any], count: int) -> Array:
-        """Return the sum of every group."""
+    def sum_of(self, values: Array, groups: Array, count: int) -> Array:
         return np.bincount(groups, weights=values, minlength=count)
 
-    def count_of(self, groups: npt.NDArray[Any], count: int) -> Array:
-        """Return the number of members of every group, as a real number."""
+    def count_of(self, groups: Array, count: int) -> Array:
         return np.bincount(groups, minlength=count).astype(np.float64)
 
-    def largest_of(self, values: npt.NDArray[Any], groups: npt.NDArray[Any], count: int) -> Array:
-        """Return the largest of every group, or minus infinity."""
+    def largest_of(self, values: Array, groups: Array, count: int) -> Array:
         largest = np.full(count, -np.inf)
         np.maximum.at(largest, groups, values)
         return largest
 
-    def full(self, count: int, value: float | bool) -> npt.NDArray[Any]:
-        """Return an array that holds one value."""
-        return np.full(count, value)
 
+class _Torch(Backend):
+    """Gradients go through values, not through choices."""
 
-class TorchBackend:
-    """Operations on whole batches, for torch; gradients go through values, not through choices.
-
-    Args:
-        device: where the tensors are.
-        dtype: of real numbers.
-    """
+    differentiable = True
 
     def __init__(self, device: Any, dtype: Any) -> None:
         self._torch = sys.modules["torch"]
         self._device = device
-        self._dtype = dtype
+        self._dtype = dtype  # of real numbers
 
-    def array(self, values: Array) -> Any:
-        """Return a tensor of this kind."""
+    @staticmethod
+    def owns(value: object) -> bool:
+        torch = sys.modules.get("torch")
+        return torch is not None and isinstance(value, torch.Tensor)
+
+    @staticmethod
+    def has_nan(values: Array) -> bool:
+        return bool(values.isnan().any())
+
+    @staticmethod
+    def minimum(left: Array, right: Array) -> Array:
+        torch = sys.modules["torch"]
+        return torch.minimum(torch.as_tensor(left), torch.as_tensor(right))
+
+    @staticmethod
+    def maximum(left: Array, right: Array) -> Array:
+        torch = sys.modules["torch"]
+        return torch.maximum(torch.as_tensor(left), torch.as_tensor(right))
+
+    @staticmethod
+    def exp(values: Array) -> Array:
+        return values.exp()
+
+    @staticmethod
+    def log(values: Array) -> Array:
+        return values.log()
+
+    @staticmethod
+    def sqrt(values: Array) -> Array:
+        return values.sqrt()
+
+    @staticmethod
+    def where(condition: Array, then: Array, otherwise: Array) -> Array:
+        torch = sys.modules["torch"]
+        chosen = torch.as_tensor(condition) != 0
+        pair = (torch.as_tensor(value, device=chosen.device) for value in (then, otherwise))
+        return torch.where(chosen, *pair)
+
+    @classmethod
+    def of(cls, values: Sequence[Array]) -> Backend:
+        float64 = sys.modules["torch"].float64
+        dtypes = [tensor.dtype for tensor in values if tensor.is_floating_point()]
+        widest = float64 if float64 in dtypes or not dtypes else dtypes[0]
+        return cls(max((tensor.device for tensor in values), key=str), widest)
+
+    def array(self, values: Array) -> Array:
         tensor = self._torch.as_tensor(values, device=self._device)
         return tensor.to(self._dtype) if tensor.is_floating_point() else tensor
 
-    def take(self, values: Any, rows: Any) -> Any:
-        """Return the rows of the values."""
+    def full(self, count: int, value: float | bool) -> Array:
+        dtype = self._torch.bool if isinstance(value, bool) else self._dtype
+        return self._torch.full((count,), value, device=self._device, dtype=dtype)
+
+    def take(self, values: Array, rows: Array) -> Array:
         return values[rows]
 
-    def put(self, values: Any, rows: Any, new: Any) -> Any:
-        """Return a copy of the values with other ones in some rows."""
+    def put(self, values: Array, rows: Array, new: Array) -> Array:
         return values.index_put((rows,), new.to(values.dtype))
 
-    def any_of(self, chosen: Any, groups: Any, count: int) -> Any:
-        """Tell for every group whether any of its members is chosen."""
+    def any_of(self, chosen: Array, groups: Array, count: int) -> Array:
         found = self.full(count, value=False)
         found[groups[chosen]] = True
         return found
 
-    def sum_of(self, values: Any, groups: Any, count: int) -> Any:
-        """Return the sum of every group."""
+    def sum_of(self, values: Array, groups: Array, count: int) -> Array:
         return self.full(count, 0.0).index_add(0, groups, values.to(self._dtype))
 
-    def count_of(self, groups: Any, count: int) -> Any:
-        """Return the number of members of every group, as a real number."""
+    def count_of(self, groups: Array, count: int) -> Array:
         return self._torch.bincount(groups, minlength=count).to(self._dtype)
 
-    def largest_of(self, values: Any, groups: Any, count: int) -> Any:
-        """Return the largest of every group, or minus infinity."""
+    def largest_of(self, values: Array, groups: Array, count: int) -> Array:
         return self.full(count, -math.inf).scatter_reduce(0, groups, values, "amax")
 
-    def full(self, count: int, value: float | bool) -> Any:
-        """Return a tensor that holds one value."""
-        dtype = self._torch.bool if isinstance(value, bool) else self._dtype
-        return self._torch.full((count,), value, device=self._device, dtype=dtype)
+
+# Where several kinds meet, the first of them takes the others in.
+BACKENDS: tuple[type[Backend], ...] = (_Torch, _Numpy)
 
 
-Backend = NumpyBackend | TorchBackend
+def _kind_of(values: Sequence[Array]) -> type[Backend] | None:
+    """Return the class of backend that takes some values; None where all are plain numbers."""
+    for kind in BACKENDS:
+        if any(map(kind.owns, values)):
+            return kind
+    return None
 
 
 def backend_of(values: Sequence[Array]) -> Backend:
-    """Return the backend that a call needs: torch's as soon as one value is a tensor."""
-    tensors = [value for value in values if is_tensor(value)]
-    if not tensors:
-        return NumpyBackend()
-    torch = sys.modules["torch"]
-    dtypes = [tensor.dtype for tensor in tensors if tensor.is_floating_point()]
-    widest = torch.float64 if torch.float64 in dtypes or not dtypes else dtypes[0]
-    return TorchBackend(max((t.device for t in tensors), key=str), widest)
+    """Return the backend for a computation with some values; numpy's where all are numbers."""
+    kind = _kind_of(values) or _Numpy
+    return kind.of([value for value in values if kind.owns(value)])
+
+
+def is_array(value: object) -> bool:
+    """Tell whether a value is an array of some backend."""
+    return _kind_of([value]) is not None
+
+
+def is_differentiable(value: object) -> bool:
+    """Tell whether gradients go through a value."""
+    kind = _kind_of([value])
+    return kind is not None and kind.differentiable
+
+
+def has_nan(value: Array) -> bool:
+    """Tell whether a number, or any element of an array, is NaN."""
+    if isinstance(value, float):  # as most are that a single scene asks about
+        return math.isnan(value)
+    kind = _kind_of([value])
+    return math.isnan(value) if kind is None else kind.has_nan(value)
+
+
+def _elementwise(name: str, of_numbers: Callable[..., float]) -> Callable[..., Array]:
+    """Return a function of numbers and arrays: the backend's own, or the one for plain numbers."""
+
+    def function(*values: Array) -> Array:
+        kind = _kind_of(values)
+        return of_numbers(*values) if kind is None else getattr(kind, name)(*values)
+
+    return function
+
+
+minimum = _elementwise("minimum", min)
+maximum = _elementwise("maximum", max)
+exp = _elementwise("exp", math.exp)
+log = _elementwise("log", math.log)
+sqrt = _elementwise("sqrt", math.sqrt)
+where = _elementwise("where", lambda condition, then, otherwise: then if condition else otherwise)

@@ -110,6 +110,26 @@ class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
 
 
+def missing_extra(
+    package: str, needed: str, *, extra: str | None = None, python: str | None = None
+) -> MissingExtraError:
+    """Return the error that says how to install what is missing.
+
+    Args:
+        package: what is missing.
+        needed: who needs it, such as ``the wrappers need it``.
+        extra: the extra that brings it; None for what no extra has.
+        python: the version of Python that the extra needs, if not every one will do.
+    """
+    requirement = f"'sfol[{extra}]'" if extra else package
+    version = f" on Python {python}" if python else ""
+    return MissingExtraError(
+        f"{package} is not installed: {needed}",
+        name=package,
+        suggestion=f"python -m pip install {requirement}{version}",
+    )
+
+
 class InvalidKnowledgeBase(SfolError):  # noqa: N818 (it holds errors, it is not one more of them)
     """A knowledge base that cannot be used, with everything that is wrong with it.
 

@@ -12,18 +12,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from sfol.engines.compiled import Conclusions
+from sfol.engines.engine import Engine
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.engines.tables import Constants, Tables, ground
 from sfol.facts import Bound
-from sfol.knowledge_base import RewardTerm, Rule
+from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
+from sfol.outcome import Outcome
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
 
 if TYPE_CHECKING:
     import networkx
-
-    from sfol.reward import Outcome, RewardFunction
 
 _WIDTH = 110
 _STYLES = {
@@ -121,37 +120,28 @@ class Explanation:
 
 
 def explain(
-    reward: RewardFunction,
-    conclusions: Conclusions,
-    outcome: Outcome,
-    signals: Mapping[str, float],
+    engine: Engine, kb: KnowledgeBase, outcome: Outcome, signals: Mapping[str, float]
 ) -> Explanation:
     """Return the proof tree of an outcome.
 
     Args:
-        reward: the reward function that gave it.
-        conclusions: what its engine concluded.
+        engine: what drew its conclusions.
+        kb: the knowledge base, with the coefficients and parameters that it was computed with.
         outcome: the outcome itself.
         signals: the signals that it was given, defaults filled in.
     """
-    return Explanation(_Prover(reward, conclusions, outcome, signals).reward())
+    return Explanation(_Prover(engine, kb, outcome, signals).reward())
 
 
 class _Prover:
     """Builds the nodes of one explanation."""
 
     def __init__(
-        self,
-        reward: RewardFunction,
-        conclusions: Conclusions,
-        outcome: Outcome,
-        signals: Mapping[str, float],
+        self, engine: Engine, kb: KnowledgeBase, outcome: Outcome, signals: Mapping[str, float]
     ) -> None:
-        self._reward = reward
-        self._engine = reward.engine
-        self._kb = reward.kb
-        self._tables = conclusions.tables
-        self._derived = conclusions.derived
+        self._engine = engine
+        self._kb = kb
+        self._tables = outcome.conclusions.tables
         self._outcome = outcome
         self._signals = signals
 
@@ -163,7 +153,7 @@ class _Prover:
     def _term(self, term: RewardTerm) -> Node:
         value = self._outcome.terms[term.name]
         weight = self._outcome.weights[term.weight] if isinstance(term.weight, str) else term.weight
-        names = {**self._reward.parameters[term.name], **self._signals}
+        names = {**term.parameters, **self._signals}
         component = term.formula(names)
         size = sum(abs(other) for other in self._outcome.terms.values())
         share = abs(value) / size if size else 0.0
@@ -190,10 +180,9 @@ class _Prover:
 
     def _weight(self, name: str) -> Node:
         value = self._outcome.weights[name]
-        normalizer = self._kb.weights[name].normalizer
-        coefficients = self._reward.coefficients[name]
-        heads = tuple(self._head(head, factor) for head, factor in coefficients.items())
-        text = f"weight {name} {_number(value)} = 1/{normalizer:g} of the sum below"
+        weight = self._kb.weights[name]
+        heads = tuple(self._head(head, factor) for head, factor in weight.coefficients.items())
+        text = f"weight {name} {_number(value)} = 1/{weight.normalizer:g} of the sum below"
         return Node("weight", text, {"name": name, "value": value}, heads)
 
     def _head(self, head: str, coefficient: float) -> Node:
@@ -259,7 +248,7 @@ class _Prover:
 
     def _fact(self, atom: Atom, bound: Bound, *, negated: bool) -> Node:
         literal = f"not {atom}" if negated else str(atom)
-        derived = not negated and atom in self._derived
+        derived = not negated and atom in self._outcome.derived
         source = "derived" if derived else self._origin(atom)
         values = {"literal": literal, "bound": list(bound), "source": source}
         proofs = tuple(self._proofs(atom)) if derived else ()

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
-from sfol.errors import MissingExtraError, Place, SfolError, UsageError
+from sfol.errors import Place, SfolError, UsageError, missing_extra
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.syntax import Atom, parse_ground_atom
@@ -221,11 +221,7 @@ def _pyarrow() -> Any:
         import pyarrow  # noqa: PLC0415  (an extra, and slow to import)
         import pyarrow.parquet  # noqa: PLC0415
     except ImportError:
-        raise MissingExtraError(
-            "logs need pyarrow, which is not installed",
-            name="parquet",
-            suggestion="pip install 'sfol[parquet]'",
-        ) from None
+        raise missing_extra("pyarrow", "logs need it", extra="parquet") from None
     return pyarrow
 
 

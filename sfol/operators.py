@@ -7,6 +7,7 @@ so that a bound stays a bound: each is monotone in every argument.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -26,7 +27,9 @@ class Operator:
         formula: in the usual notation.
         source: where it is defined.
         combine: the function itself, of numbers; its argument is never empty.
-        elementwise: the same of arrays or tensors of one shape.
+        elementwise: the same of arrays of one shape.
+        pooled: the same from the sum of any number of truth values and their number, for a
+            conjunction that may pool all substitutions of a body; None where that is not defined.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Operator:
     source: str
     combine: Callable[[Sequence[float]], float]
     elementwise: Callable[[Sequence[Array]], Array]
+    pooled: Callable[[Array, Array], Array] | None = None
 
     def __call__(self, bounds: Iterable[Bound]) -> Bound:
         """Combine lower bounds with lower, upper with upper.
@@ -80,10 +84,15 @@ def _maximum_arrays(values: Sequence[Array]) -> Array:
 
 
 CONJUNCTIONS: Mapping[str, Operator] = {
-    operator.name: operator
-    for operator in (
+    entry.name: entry
+    for entry in (
         Operator(
-            "average", "(1/n) Σ xᵢ", "the paper's equation for τ_H", _average, _average_arrays
+            "average",
+            "(1/n) Σ xᵢ",
+            "the paper's equation for τ_H",
+            _average,
+            _average_arrays,
+            pooled=operator.truediv,
         ),
         Operator("minimum", "min xᵢ", "Gödel t-norm", min, _minimum_arrays),
         Operator("product", "Π xᵢ", "product t-norm", math.prod, math.prod),
@@ -98,8 +107,8 @@ CONJUNCTIONS: Mapping[str, Operator] = {
 }
 
 DISJUNCTIONS: Mapping[str, Operator] = {
-    operator.name: operator
-    for operator in (
+    entry.name: entry
+    for entry in (
         Operator(
             "maximum", "max xᵢ", "the paper, on rules that share a head", max, _maximum_arrays
         ),
@@ -113,7 +122,7 @@ DISJUNCTIONS: Mapping[str, Operator] = {
     )
 }
 
-# τ̂ from a bound's lower and upper end, for numbers, arrays and tensors.
+# τ̂ from a bound's lower and upper end, for numbers and arrays.
 CONFIDENCES: Mapping[str, Callable[[Any, Any], Any]] = {
     "midpoint": lambda lower, upper: (lower + upper) / 2,
     "lower": lambda lower, upper: lower,

@@ -3,67 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from sfol import arrays
 from sfol.arrays import Array, backend_of
 from sfol.engines.batch import Batch, encode
-from sfol.engines.batched import Bounds, conclude
-from sfol.engines.compiled import Conclusions
+from sfol.engines.batched import conclude
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
 from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
-from sfol.facts import Bound, Facts
+from sfol.facts import Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.operators import CONFIDENCES
+from sfol.outcome import BatchOutcome, Outcome
 from sfol.syntax import Atom
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What one evaluation gave.
-
-    Attributes:
-        reward: R, the sum of the terms in their order.
-        terms: term → weight × formula, signed.
-        weights: weight → w.
-        confidences: head → τ̂ of the subject, 0 where nothing was concluded.
-        bounds: head → bound of the subject, None where nothing was concluded.
-        derived: every concluded atom with its bound.
-    """
-
-    reward: float
-    terms: Mapping[str, float]
-    weights: Mapping[str, float]
-    confidences: Mapping[str, float]
-    bounds: Mapping[str, Bound | None]
-    derived: Mapping[Atom, Bound]
-
-
-@dataclass(frozen=True, eq=False)
-class BatchOutcome:
-    """What one evaluation of B scenes gave; arrays of the caller's kind, numpy's or torch's.
-
-    Attributes:
-        reward: float (B,), R.
-        terms: term → float (B,), weight × formula, signed.
-        weights: weight → float (B,), w.
-        confidences: head → float (B,), τ̂ of the subject, 0 where nothing was concluded.
-        bounds: head → bounds of the subject, with what is known.
-    """
-
-    reward: Array
-    terms: Mapping[str, Array]
-    weights: Mapping[str, Array]
-    confidences: Mapping[str, Array]
-    bounds: Mapping[str, Bounds]
 
 
 class Numbers(dict[str, float]):
@@ -85,7 +46,7 @@ class Numbers(dict[str, float]):
             raise UsageError(
                 f"{self._what} has no '{name}'", name=name, suggestion=did_you_mean(name, self)
             )
-        if arrays.is_tensor(number):  # so that gradients reach it
+        if arrays.is_differentiable(number):  # so that gradients reach it
             super().__setitem__(name, number)
             return
         if not float("-inf") < number < float("inf"):
@@ -179,17 +140,34 @@ class RewardFunction:
         """
         return encode(self._engine.program, scenes)
 
+    def conclude(self, facts: Facts) -> Conclusions:
+        """Return what follows from facts.
+
+        `evaluate`, `explain` and `entity_weights` take it in place of the facts, so that several of
+        them need not draw the same conclusions again.
+
+        Args:
+            facts: ground atoms with bounds; they are copied.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+        """
+        return self._engine.conclude(facts)
+
     @overload
-    def evaluate(self, facts: Facts, **signals: float) -> Outcome: ...
+    def evaluate(self, facts: Facts | Conclusions, **signals: float) -> Outcome: ...
 
     @overload
     def evaluate(self, facts: Batch, **signals: Array) -> BatchOutcome: ...
 
-    def evaluate(self, facts: Facts | Batch, **signals: Array) -> Outcome | BatchOutcome:
+    def evaluate(
+        self, facts: Facts | Conclusions | Batch, **signals: Array
+    ) -> Outcome | BatchOutcome:
         """Return the reward of a transition and everything that it was made of.
 
         Args:
-            facts: what is known of the state before the action; or a batch of B scenes.
+            facts: what is known of the state before the action, or what `conclude` drew from it
+                with the same knowledge base; or a batch of B scenes.
             signals: a number for each signal of the knowledge base, in its unit; those with a
                 default may be left out. For a batch, numbers, or arrays or torch tensors (B,);
                 one tensor among signals, bounds, coefficients or parameters makes all of the
@@ -207,13 +185,13 @@ class RewardFunction:
         values = self._signals(signals)
         if isinstance(facts, Batch):
             return self._batch_outcome(facts, values)
-        return self._outcome(self._engine.conclude(facts), values)
+        return self._outcome(self._concluded(facts), values)
 
-    def explain(self, facts: Facts, **signals: float) -> Explanation:
+    def explain(self, facts: Facts | Conclusions, **signals: float) -> Explanation:
         """Return the proof tree of a reward: print it, or read its nodes.
 
         Args:
-            facts: as for `evaluate`.
+            facts: as for `evaluate`, but not a batch.
             signals: as for `evaluate`.
 
         Raises:
@@ -222,15 +200,17 @@ class RewardFunction:
         from sfol.explain import explain  # noqa: PLC0415  (needed by few, and it imports rich)
 
         values = self._signals(signals)
-        conclusions = self._engine.conclude(facts)
-        outcome = self._outcome(conclusions, values)
-        return explain(self, conclusions, outcome, values)
+        outcome = self._outcome(self._concluded(facts), values)
+        return explain(self._engine, self.current(), outcome, values)
 
-    def entity_weights(self, facts: Facts, entities: Iterable[str]) -> dict[str, float]:
+    def entity_weights(
+        self, facts: Facts | Conclusions, entities: Iterable[str]
+    ) -> dict[str, float]:
         """Return the descriptor's weight w_i of each entity: the first condition that holds.
 
         Args:
-            facts: what is known of the scene; conclusions count too.
+            facts: what is known of the scene, or what `conclude` drew from it; a condition may
+                name heads of rules.
             entities: the names of the entities.
 
         Returns:
@@ -238,7 +218,7 @@ class RewardFunction:
 
         Source: the paper's table of weighting factors for VSR.
         """
-        tables = self._engine.conclude(facts).tables
+        tables = self._concluded(facts).tables
         return {
             entity: next(
                 (
@@ -259,6 +239,9 @@ class RewardFunction:
         numbers = (dict(self._numbers(self.coefficients)), dict(self._numbers(self.parameters)))
         return _rebuild, (self.kb, self._engine_name, *numbers)
 
+    def _concluded(self, facts: Facts | Conclusions) -> Conclusions:
+        return facts if isinstance(facts, Conclusions) else self._engine.conclude(facts)
+
     def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
         bounds = {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
         confidences = {
@@ -277,6 +260,7 @@ class RewardFunction:
             confidences=confidences,
             bounds=bounds,
             derived=conclusions.derived,
+            conclusions=conclusions,
         )
 
     def _batch_outcome(self, batch: Batch, signals: Mapping[str, Array]) -> BatchOutcome:
@@ -294,7 +278,7 @@ class RewardFunction:
         }
         bounds = conclude(batch, backend)
         confidences = {
-            head: arrays.where(b.known, self._confidence(b.lower, b.upper), 0.0)
+            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
             for head, b in bounds.items()
         }
         zeros = backend.full(batch.size, 0.0)

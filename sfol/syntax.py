@@ -78,6 +78,11 @@ class Body:
     guards: tuple[Guard, ...] = ()
     offsets: tuple[tuple[str, int], ...] = field(default=(), compare=False, repr=False)
 
+    @property
+    def predicates(self) -> frozenset[str]:
+        """The predicates that it reads."""
+        return frozenset(literal.atom.predicate for literal in self.literals)
+
     def __str__(self) -> str:
         return ", ".join(str(part) for part in (*self.literals, *self.guards))
 

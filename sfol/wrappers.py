@@ -6,18 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, SupportsFloat, TypeVar
 
-from sfol.errors import MissingExtraError
+from sfol.errors import missing_extra
 from sfol.facts import Facts
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 
 try:
     import gymnasium
 except ImportError as error:
-    raise MissingExtraError(
-        "the wrappers need gymnasium",
-        name="gymnasium",
-        suggestion="python -m pip install 'sfol[gymnasium]'",
-    ) from error
+    raise missing_extra("gymnasium", "the wrappers need it", extra="gymnasium") from error
 
 Observation = TypeVar("Observation")
 Action = TypeVar("Action")

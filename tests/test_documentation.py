@@ -181,16 +181,20 @@ def fault(words):
         module = arguments[1] if arguments[:1] == ["-m"] else None
         ours = module and module.split(".")[0] in {"sfol", "vsr", "env"}
         return f"no module {module}" if ours and not importlib.util.find_spec(module) else None
-    if program not in COMMANDS or not arguments or arguments[0].startswith("-"):
+    if program not in COMMANDS:
         return None
-    subcommand = COMMANDS[program].commands.get(arguments[0])
-    if subcommand is None:
-        return f"no command {program} {arguments[0]}"
+    command = COMMANDS[program]
+    while hasattr(command, "commands"):
+        if not arguments or arguments[0].startswith("-"):
+            return None
+        if arguments[0] not in command.commands:
+            return f"no command {arguments[0]} of {program}"
+        command, arguments = command.commands[arguments[0]], arguments[1:]
     known = {"--help", "-h"}
-    for parameter in subcommand.params:
+    for parameter in command.params:
         known.update(parameter.opts, parameter.secondary_opts)
     given = {word.partition("=")[0] for word in arguments if re.match(r"--?[a-z]", word)}
-    return f"no option {given - known} of {program} {arguments[0]}" if given - known else None
+    return f"no option {given - known}" if given - known else None
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -247,13 +251,22 @@ def test_the_reference_has_every_module_with_a_public_class_or_function(generate
     assert {name for name, path in MODULES.items() if public_names(path)} <= set(shown)
 
 
+def subcommands(command, path):
+    if not hasattr(command, "commands"):
+        yield path, command
+        return
+    for name, inner in command.commands.items():
+        yield from subcommands(inner, f"{path} {name}")
+
+
 @pytest.mark.parametrize("program", COMMANDS)
 def test_the_reference_has_every_command_and_option(generated, program):
     page = generated.fill((DOCS / "reference/commands" / f"{program}.md").read_text("utf-8"))
-    for name, command in COMMANDS[program].commands.items():
-        section = page.partition(f"## `{program} {name}`")[2].partition("\n## ")[0]
+    for path, command in subcommands(COMMANDS[program], program):
+        section = page.partition(f"# `{path}`\n")[2].partition("\n## ")[0]
         options = [o for p in command.params for o in p.opts if o.startswith("--")]
-        assert [option for option in options if option not in section] == [], name
+        assert options, path
+        assert [option for option in options if option not in section] == [], path
 
 
 @pytest.mark.parametrize("page", ["knowledge_base.md", "setup.md"])

@@ -11,7 +11,8 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from itertools import product
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +62,11 @@ def scene_facts(
     Source: paper, section "Obtain Predicates" and Table of predicates.
     """
     classes = class_map(probabilities)
-    atoms = _unrated_atoms(entities, classes, grounding, subject)
-    return add_facts(facts, entities, atoms, grounding)
+    pinhole = Pinhole.of(grounding.camera, classes.shape)
+    evidence = MapEvidence(entities, classes, grounding, pinhole)
+    return add_facts(
+        facts, entities, unrated_atoms(evidence, grounding, pinhole, subject), grounding
+    )
 
 
 def add_facts(
@@ -100,27 +104,82 @@ def _bound(lower: float, upper: float) -> Bound:
     return Bound.checked(lower, upper)
 
 
-def _unrated_atoms(
-    entities: Sequence[Entity],
-    classes: ClassMap,
-    grounding: SegmentationGrounding,
-    subject: str,
-) -> Iterator[UnratedAtom]:
-    """Yield the atoms that have no confidence of their own, family by family."""
-    pinhole = Pinhole.of(grounding.camera, classes.shape)
-    people = _of_kind(entities, SemanticClass.PEDESTRIAN)
-    vehicles = _of_kind(entities, SemanticClass.VEHICLE, SemanticClass.TRUCK)
-    crosswalks = _of_kind(entities, SemanticClass.CROSSWALK)
-    standing = {person: ground_of(person, classes, grounding.window) for person in people}
-    hidden = tuple(occlusions(vehicles, [*crosswalks, *people], grounding, pinhole))
+class Evidence(Protocol):
+    """What is seen of the entities of a scene, in pixels of a map or by rays through a world.
 
-    yield from regions(entities, classes.shape[1], subject)
+    How much of something is seen is counted in px of the picture; what that says is decided by
+    `unrated_atoms`, the same for everybody.
+
+    """
+
+    @property
+    def entities(self) -> Sequence[Entity]:
+        """Everything that is seen."""
+        ...
+
+    @property
+    def standing(self) -> Mapping[Entity, SemanticClass | None]:
+        """Each pedestrian's ground; None where none is seen."""
+        ...
+
+    def beside(self, person: Entity, vehicle: Entity) -> float:
+        """Return how many px of a vehicle lie in the windows beside a pedestrian."""
+        ...
+
+    def before(self, vehicle: Entity, other: Entity) -> float:
+        """Return how many px of a vehicle lie before a crosswalk or pedestrian, or touch one.
+
+        Only of a vehicle that is closer, which is what reaches lower in the picture.
+        """
+        ...
+
+    def is_trodden(self, crosswalk: Entity) -> bool:
+        """Tell whether a pedestrian stands on a crosswalk."""
+        ...
+
+    def in_lane(self, vehicle: Entity) -> float:
+        """Return in how many columns a vehicle meets the road within ego's lane."""
+        ...
+
+
+def unrated_atoms(
+    evidence: Evidence, grounding: SegmentationGrounding, pinhole: Pinhole, subject: str
+) -> Iterator[UnratedAtom]:
+    """Yield the atoms that have no confidence of their own, family by family.
+
+    Args:
+        evidence: what is seen.
+        grounding: how much of it is enough.
+        pinhole: the camera.
+        subject: ego's name.
+    """
+    people = of_kind(evidence.entities, SemanticClass.PEDESTRIAN)
+    vehicles = of_kind(evidence.entities, SemanticClass.VEHICLE, SemanticClass.TRUCK)
+    crosswalks = of_kind(evidence.entities, SemanticClass.CROSSWALK)
+    enough = grounding.minimum_pixels
+    hidden = [
+        (vehicle.name, other.name)
+        for vehicle, other in product(vehicles, [*crosswalks, *people])
+        if evidence.before(vehicle, other) >= enough
+    ]
+    yield from regions(evidence.entities, 2 * pinhole.middle, subject)
     yield from crosswalk_distances(crosswalks, grounding, pinhole, subject)
-    yield from grounds(standing)
-    yield from nearness(people, vehicles, grounding)
-    yield from hidden
-    yield from clear_crosswalks(crosswalks, standing, hidden, classes.shape[0], grounding)
-    yield from absences(crosswalks, vehicles, grounding, pinhole, subject)
+    yield from grounds(evidence.standing)
+    for person, vehicle in product(people, vehicles):
+        if evidence.beside(person, vehicle) >= enough:
+            yield "IsNear", person.name, vehicle.name
+    for vehicle_name, other_name in hidden:
+        yield "Occludes", vehicle_name, other_name
+    occluded = {name for _, name in hidden} if grounding.clear_requires_unoccluded else set()
+    for crosswalk in crosswalks:
+        if crosswalk.name not in occluded and not evidence.is_trodden(crosswalk):
+            yield "IsClear", crosswalk.name
+    # The paper's explicit negations: no crosswalk within the farther of the approach distances, no
+    # vehicle or truck in ego's lane, however far away.
+    if all(pinhole.distance(a.bottom) > grounding.approaching[1] for a in crosswalks):
+        yield "NoCrosswalk", subject
+    if not any(evidence.in_lane(vehicle) >= enough for vehicle in vehicles):
+        yield "EmptyLane", subject
 
 
 @dataclass(frozen=True)
@@ -153,6 +212,10 @@ class Pinhole:
         below = row - self.horizon
         return self.focal * self.height / below if below > 0 else math.inf
 
+    def lateral(self, column: float, distance: float) -> float:
+        """Return X in m of what a column shows at a distance Z in m."""
+        return (column - self.middle) * distance / self.focal
+
     def columns(self, lateral: float, rows: FloatArray) -> FloatArray:
         """Return the columns at which the rows show the road X m to the right of the middle."""
         return self.middle + lateral * self._pixels_per_metre(rows)
@@ -170,7 +233,7 @@ class Pinhole:
         return below / self.height
 
 
-def regions(entities: Sequence[Entity], width: int, subject: str) -> Iterator[UnratedAtom]:
+def regions(entities: Iterable[Entity], width: float, subject: str) -> Iterator[UnratedAtom]:
     """Yield LeftOf, CenterOf or RightOf(entity, ego) of everything that moves.
 
     The picture is cut into three equal parts from left to right; the one in which the middle of
@@ -181,7 +244,7 @@ def regions(entities: Sequence[Entity], width: int, subject: str) -> Iterator[Un
         width: W of the picture, in px.
         subject: ego's name.
     """
-    for entity in _of_kind(entities, *DYNAMIC_CLASSES):
+    for entity in of_kind(entities, *DYNAMIC_CLASSES):
         third = 3 * entity.centre[1] / width
         yield _region(third), entity.name, subject
 
@@ -260,46 +323,59 @@ def _feet(person: Entity, height: int, window: int) -> Area:
     return rows, slice(max(person.box.left - window, 0), person.box.right + window)
 
 
-def nearness(
-    people: Sequence[Entity], vehicles: Sequence[Entity], grounding: SegmentationGrounding
-) -> Iterator[UnratedAtom]:
-    """Yield IsNear(pedestrian, vehicle) for enough of the vehicle in the windows beside."""
-    for person in people:
-        sides = [
-            person.beside(side, grounding.window)
-            for side in (Direction.LEFT_OF, Direction.RIGHT_OF)
-        ]
-        for vehicle in vehicles:
-            pixels = sum(np.count_nonzero(vehicle.on(side)) for side in sides)
-            if pixels >= grounding.minimum_pixels:
-                yield "IsNear", person.name, vehicle.name
-
-
-def occlusions(
-    vehicles: Sequence[Entity],
-    others: Sequence[Entity],
-    grounding: SegmentationGrounding,
-    pinhole: Pinhole,
-) -> Iterator[UnratedAtom]:
-    """Yield Occludes(vehicle, crosswalk or pedestrian).
-
-    Paper: an entity is occluded if another lies closer to ego along the same line of sight. Closer
-    is what reaches lower in the picture.
+class MapEvidence:
+    """What the pixels of a class map show of its entities.
 
     Args:
-        vehicles: all vehicles and trucks.
-        others: all crosswalks and pedestrians.
+        entities: what `find_entities` found in the map.
+        classes: uint8 (H, W), the class map.
         grounding: how to read the map.
         pinhole: the camera.
     """
-    for vehicle in vehicles:
-        for other in others:
-            if other.kind is SemanticClass.CROSSWALK:
-                overlap = _before_crosswalk(vehicle, other, grounding.road, pinhole)
-            else:
-                overlap = _before_person(vehicle, other)
-            if overlap >= grounding.minimum_pixels:
-                yield "Occludes", vehicle.name, other.name
+
+    def __init__(
+        self,
+        entities: Sequence[Entity],
+        classes: ClassMap,
+        grounding: SegmentationGrounding,
+        pinhole: Pinhole,
+    ) -> None:
+        self.entities = entities
+        self.standing: Mapping[Entity, SemanticClass | None] = {
+            person: ground_of(person, classes, grounding.window)
+            for person in of_kind(entities, SemanticClass.PEDESTRIAN)
+        }
+        self._height = classes.shape[0]
+        self._grounding = grounding
+        self._pinhole = pinhole
+
+    def beside(self, person: Entity, vehicle: Entity) -> float:
+        """See `Evidence`."""
+        sides = (Direction.LEFT_OF, Direction.RIGHT_OF)
+        windows = (person.beside(side, self._grounding.window) for side in sides)
+        return sum(int(np.count_nonzero(vehicle.on(window))) for window in windows)
+
+    def before(self, vehicle: Entity, other: Entity) -> float:
+        """See `Evidence`. Paper: the other lies behind it along the same line of sight."""
+        if other.kind is SemanticClass.CROSSWALK:
+            return _before_crosswalk(vehicle, other, self._grounding.road, self._pinhole)
+        return _before_person(vehicle, other)
+
+    def is_trodden(self, crosswalk: Entity) -> bool:
+        """See `Evidence`."""
+        return any(
+            crosswalk.on(_feet(person, self._height, self._grounding.window)).any()
+            for person, ground in self.standing.items()
+            if ground is SemanticClass.CROSSWALK
+        )
+
+    def in_lane(self, vehicle: Entity) -> float:
+        """See `Evidence`."""
+        _, left, bottom, right = vehicle.box
+        # the lower edge of each column's lowest pixel
+        rows = bottom - np.argmax(vehicle.mask[::-1], axis=0)
+        laterals = self._pinhole.laterals(np.arange(left, right) + 0.5, rows)
+        return int(np.count_nonzero(np.abs(laterals) < self._grounding.lane_half_width))
 
 
 def _before_crosswalk(
@@ -334,60 +410,6 @@ def _before_person(vehicle: Entity, person: Entity) -> int:
     return int(np.count_nonzero(around & ndimage.binary_dilation(np.pad(person.mask, 1))))
 
 
-def clear_crosswalks(
-    crosswalks: Sequence[Entity],
-    standing: Mapping[Entity, SemanticClass | None],
-    hidden: Sequence[UnratedAtom],
-    height: int,
-    grounding: SegmentationGrounding,
-) -> Iterator[UnratedAtom]:
-    """Yield IsClear(crosswalk) where no pedestrian stands on it.
-
-    With `clear_requires_unoccluded` nothing may hide a part of it either.
-
-    Args:
-        crosswalks: all crosswalks.
-        standing: each pedestrian's ground, from `ground_of`.
-        hidden: what `occlusions` yields.
-        height: H of the picture, in px.
-        grounding: how to read the map.
-    """
-    walkers = [p for p, ground in standing.items() if ground is SemanticClass.CROSSWALK]
-    feet = [_feet(walker, height, grounding.window) for walker in walkers]
-    occluded = {atom[-1] for atom in hidden} if grounding.clear_requires_unoccluded else set()
-    for crosswalk in crosswalks:
-        taken = any(crosswalk.on(area).any() for area in feet)
-        if not taken and crosswalk.name not in occluded:
-            yield "IsClear", crosswalk.name
-
-
-def absences(
-    crosswalks: Sequence[Entity],
-    vehicles: Sequence[Entity],
-    grounding: SegmentationGrounding,
-    pinhole: Pinhole,
-    subject: str,
-) -> Iterator[UnratedAtom]:
-    """Yield NoCrosswalk(ego) and EmptyLane(ego), the paper's explicit negations.
-
-    No crosswalk: none is seen within the farther of the approach distances. Empty lane: no vehicle
-    or truck meets the road within half a lane's width of ego's centre line, at any distance.
-    """
-    if all(pinhole.distance(a.bottom) > grounding.approaching[1] for a in crosswalks):
-        yield "NoCrosswalk", subject
-    if not any(_in_lane(vehicle, grounding, pinhole) for vehicle in vehicles):
-        yield "EmptyLane", subject
-
-
-def _in_lane(vehicle: Entity, grounding: SegmentationGrounding, pinhole: Pinhole) -> bool:
-    """Tell whether the lower outline of a vehicle, projected to the road, is in ego's lane."""
-    _, left, bottom, right = vehicle.box
-    # the lower edge of each column's lowest pixel
-    rows = bottom - np.argmax(vehicle.mask[::-1], axis=0)
-    laterals = pinhole.laterals(np.arange(left, right) + 0.5, rows)
-    inside = np.abs(laterals) < grounding.lane_half_width
-    return int(np.count_nonzero(inside)) >= grounding.minimum_pixels
-
-
-def _of_kind(entities: Sequence[Entity], *kinds: SemanticClass) -> list[Entity]:
+def of_kind(entities: Iterable[Entity], *kinds: SemanticClass) -> list[Entity]:
+    """Return the entities of some kinds, in their order."""
     return [entity for entity in entities if entity.kind in kinds]

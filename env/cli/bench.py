@@ -8,6 +8,6 @@ from env.cli.app import app
 @app.command()
 def bench() -> None:
     """Measure the speed of every stage from camera to reward, in one run; prints JSON."""
-    from env.tools.bench import measure  # noqa: PLC0415  (slow to import, and few need it)
+    from env.tools.bench import measure
 
     print(json.dumps(measure(), indent=2))

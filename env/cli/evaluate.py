@@ -6,52 +6,30 @@ import shlex
 from collections.abc import Sequence
 from itertools import islice, product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 import sfol
-from env.cli import tables
 from env.cli.app import app
+from env.cli.options import (
+    CellOption,
+    DriverOption,
+    PerceptionOption,
+    RulesOption,
+    TrustOption,
+    WorkersOption,
+)
 from env.cli.progress import counting
-from env.driving.policies import make_driver
 from env.driving.setup import DISCOUNT
-from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
-from env.evaluation.parallel import cores
-from env.evaluation.results import DriveResult, ResultFolder
-from env.evaluation.returns import CONDUCTS, faults, worth
+from env.street.seeds import FINAL_TEST
 from env.world.cells import CELLS, Cell, CellOcclusion, Traffic
 from sfol.errors import UsageError
 
-PerceptionOption = Annotated[
-    Literal["simulator", "truth", "unet"],
-    typer.Option(
-        help="Where facts come from: the renderer's class map, the world's state without any "
-        "picture (fast), or a trained network."
-    ),
-]
-RulesOption = Annotated[str, typer.Option(help="A knowledge base: a path, or a bundled name.")]
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Processes that drive.", show_default="one per core")
-]
-TrustOption = Annotated[
-    bool, typer.Option("--trust", help="Load policy files from outside the project's folder, too.")
-]
-CellOption = Annotated[
-    list[str] | None,
-    typer.Option(help="A cell, such as low/full. May be given several times.", show_default="all"),
-]
-DriverOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--driver",
-        help="full_throttle, never_moves, crawl, ttc_brake, cautious, oracle; trained, the policy "
-        "beside the networks' weights; or a policy file (.safetensors, or .zip of "
-        "stable-baselines3). May be given several times.",
-        show_default="cautious",
-    ),
-]
+if TYPE_CHECKING:
+    from env.evaluation.evaluate import Drive
+    from env.evaluation.results import DriveResult
 
 
 @app.command("evaluate")
@@ -66,7 +44,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     rules: RulesOption = "crossing",
     seed: Annotated[
         int, typer.Option(help="Of the first episode; the others follow.")
-    ] = FIRST_SEED,
+    ] = FINAL_TEST.start,
     hazard: Annotated[
         bool, typer.Option(help="Without hazard nobody crosses, and whoever brakes errs.")
     ] = True,
@@ -82,7 +60,8 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
         bool,
         typer.Option(
             "--returns",
-            help="Drive the scripted conducts instead, and tell whether the reward is exploitable.",
+            help="Drive the reference behaviours instead, and tell whether the reward pays for "
+            "the right one.",
         ),
     ] = False,
     discount: Annotated[
@@ -103,9 +82,20 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
 
     `aeb evaluate --returns --rules my_rules.yaml --episodes 10 --perception truth`
     """
+    from env.cli import tables
+    from env.driving.policies import make_driver
+    from env.evaluation.evaluate import Drive, evaluate
+    from env.evaluation.parallel import cores
+    from env.evaluation.results import ResultFolder
+    from env.evaluation.returns import REFERENCE_BEHAVIOURS
+
     console = Console(highlight=False)
     kb = sfol.KnowledgeBase.load(rules)
-    names = [conduct.driver for conduct in CONDUCTS] if returns else (driver or ["cautious"])
+    names = (
+        [behaviour.driver for behaviour in REFERENCE_BEHAVIOURS]
+        if returns
+        else (driver or ["cautious"])
+    )
     for name in names:
         make_driver(name, trust=trust)  # so that a mistake shows before anybody drives
     drives = [
@@ -157,12 +147,15 @@ def _command(drive: Drive, rules: str) -> str:
 
 
 def _print_returns(console: Console, results: Sequence[DriveResult]) -> None:
-    worths = [
-        worth(conduct, [r.summary for r in results if r.settings.driver == conduct.driver])
-        for conduct in CONDUCTS
+    from env.cli import tables
+    from env.evaluation.returns import REFERENCE_BEHAVIOURS, faults, return_of
+
+    returns = [
+        return_of(behaviour, [r.summary for r in results if r.settings.driver == behaviour.driver])
+        for behaviour in REFERENCE_BEHAVIOURS
     ]
-    console.print(tables.returns_table(worths))
-    wrong = faults(worths)
+    console.print(tables.returns_table(returns))
+    wrong = faults(returns)
     if wrong:
         console.print("[red]exploitable[/]: " + "; ".join(wrong), soft_wrap=True)
     else:

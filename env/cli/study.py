@@ -10,14 +10,9 @@ from rich.console import Console
 from rich.progress import TaskID
 
 from env.cli.app import app
-from env.cli.evaluate import CellOption, WorkersOption
-from env.cli.figures import DriversOption, figures_command
+from env.cli.options import CellOption, DriversOption, WorkersOption
 from env.cli.progress import counters
 from env.driving.setup import load_setup
-from env.evaluation.parallel import cores
-from env.study.figures.paper import load_paper
-from env.study.study import StudyPlan, run_study
-from env.study.study_results import StudyFolder
 from env.world.cells import CELLS, Cell
 
 
@@ -68,6 +63,11 @@ def study(  # noqa: PLR0913 (each is an option)
 
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
+    from env.evaluation.parallel import cores
+    from env.study.figures.products import make_products
+    from env.study.study import StudyPlan, run_study
+    from env.study.study_results import StudyFolder
+
     console = Console(highlight=False)
     folder = output or Path("runs/quick" if in_short else "runs/study")
     plan = StudyPlan(
@@ -92,10 +92,12 @@ def study(  # noqa: PLR0913 (each is an option)
 
         run_study(plan, show)
     console.print(f"Results: {folder}", soft_wrap=True)
-    figures_command(study=folder, drivers=drivers, output=folder / "figures")
+    make_products(folder, drivers, folder / "figures", console)
 
 
 def _papers() -> list[str]:
     """Return the paper's setups, each once; one is in both of its tables."""
+    from env.study.figures.paper import load_paper
+
     tables = load_paper().sets
     return list(dict.fromkeys(setup.name for table in tables for setup in table.setups))

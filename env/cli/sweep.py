@@ -10,14 +10,9 @@ import typer
 from rich.console import Console
 
 import sfol
-from env.cli import tables
 from env.cli.app import app
-from env.cli.evaluate import DriverOption, PerceptionOption, RulesOption, TrustOption, WorkersOption
+from env.cli.options import DriverOption, PerceptionOption, RulesOption, TrustOption, WorkersOption
 from env.cli.progress import counting
-from env.driving.policies import make_driver
-from env.evaluation.parallel import cores
-from env.evaluation.results import SweepResult, versions, write_json
-from env.evaluation.sweep import APPROACHES, Sweep, run_sweeps
 
 
 @app.command("sweep")
@@ -40,6 +35,12 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
 
     Example: `aeb sweep --driver ttc_brake --driver cautious`
     """
+    from env.cli import tables
+    from env.driving.policies import make_driver
+    from env.evaluation.parallel import cores
+    from env.evaluation.results import SweepResult, versions, write_json
+    from env.evaluation.sweep import APPROACHES, Sweep, run_sweeps
+
     console = Console(highlight=False)
     kb = sfol.KnowledgeBase.load(rules)
     names = driver or ["cautious"]

@@ -9,10 +9,13 @@ from rich.console import Console
 from rich.table import Table
 
 from env.evaluation.evaluate import Summary
+from env.evaluation.metrics import Pooled
 from env.evaluation.results import DriveResult
-from env.evaluation.returns import Worth
+from env.evaluation.returns import BehaviourReturn
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
+
+NOTHING = "–"
 
 
 def print_results(console: Console, results: Sequence[DriveResult]) -> None:
@@ -28,16 +31,36 @@ def collision_table(results: Sequence[DriveResult]) -> Table:
         *("success", "collision", "timeout", "stop", "of"),
     )
     for result in results:
-        summary = result.summary
+        measured = result.summary.measured
+        stop = measured.get("stopping_distance")
         table.add_row(
             *_where(result),
-            _percent(summary.success, "green"),
-            _percent(summary.collision, "red"),
-            _percent(summary.timeout, "yellow"),
-            _number(summary.stopping_distance),
-            str(summary.stopping_distance.episodes),
+            *(
+                _percent(measured.get(ending), colour)
+                for ending, colour in (
+                    ("success", "green"),
+                    ("collision", "red"),
+                    ("timeout", "yellow"),
+                )
+            ),
+            _metric(stop, 2),
+            str(stop.episodes) if isinstance(stop, Mean) else NOTHING,
         )
     return table
+
+
+# Column, metric, and digits after the point.
+_DRIVING = (
+    ("v", "rms_speed", 1),
+    ("a", "rms_acceleration", 1),
+    ("jerk", "rms_jerk", 1),
+    ("TTC", "min_ttc", 1),
+    ("hit", "impact_speed", 1),
+    ("near", "near_miss", 0),
+    ("false", "false_braking", 1),
+    ("goal", "time_to_goal", 1),
+    ("rest", "contact_at_rest", 0),
+)
 
 
 def driving_table(results: Sequence[DriveResult]) -> Table:
@@ -45,22 +68,12 @@ def driving_table(results: Sequence[DriveResult]) -> Table:
     table = _table(
         "Driving, in SI units: RMS of speed, acceleration, jerk; TTC, impact speed, time to goal; "
         "near misses and false braking in %; instants of contact at rest",
-        *("v", "a", "jerk", "TTC", "hit", "near", "false", "goal", "rest"),
+        *(column for column, _, _ in _DRIVING),
     )
     for result in results:
-        summary = result.summary
-        table.add_row(
-            *_where(result),
-            _number(summary.rms_speed, 1),
-            _number(summary.rms_acceleration, 1),
-            _number(summary.rms_jerk, 1),
-            _number(summary.min_ttc, 1),
-            _number(summary.impact_speed, 1),
-            _share(summary.near_miss.share, 0),
-            _share(summary.false_braking.share),
-            _number(summary.time_to_goal, 1),
-            str(summary.contact_at_rest),
-        )
+        measured = result.summary.measured
+        numbers = (_metric(measured.get(name), digits) for _, name, digits in _DRIVING)
+        table.add_row(*_where(result), *numbers)
     return table
 
 
@@ -94,17 +107,17 @@ def _coverage(summaries: Sequence[Summary], rule: str) -> float:
     return sum(summary.rules[rule] * summary.steps for summary in summaries) / steps
 
 
-def returns_table(worths: Sequence[Worth]) -> Table:
-    """Return what each conduct is worth."""
-    table = Table("conduct", title="Returns", title_justify="left", box=SIMPLE_HEAD)
+def returns_table(returns: Sequence[BehaviourReturn]) -> Table:
+    """Return what each behaviour is one."""
+    table = Table("behaviour", title="Returns", title_justify="left", box=SIMPLE_HEAD)
     for name in ("return", "discounted", "episodes"):
         table.add_column(name, justify="right")
-    for worth in worths:
+    for one in returns:
         table.add_row(
-            worth.conduct,
-            _number(worth.total, 1),
-            _number(worth.discounted, 1),
-            str(worth.total.episodes),
+            one.behaviour,
+            _number(one.total, 1),
+            _number(one.discounted, 1),
+            str(one.total.episodes),
         )
     return table
 
@@ -144,14 +157,25 @@ def _where(result: DriveResult) -> tuple[str, str]:
     return settings.driver, cell if settings.hazard else f"{cell}, no hazard"
 
 
-def _percent(share: Share, colour: str) -> str:
-    text = f"{100 * (share.share or 0.0):.0f} [dim]{100 * share.low:.0f}–{100 * share.high:.0f}[/]"
-    return f"[{colour}]{text}[/]" if share.count else text
+def _percent(measured: Pooled | None, colour: str) -> str:
+    if not isinstance(measured, Share):
+        return NOTHING
+    low, high = 100 * measured.low, 100 * measured.high
+    text = f"{100 * (measured.share or 0.0):.0f} [dim]{low:.0f}–{high:.0f}[/]"
+    return f"[{colour}]{text}[/]" if measured.count else text
+
+
+def _metric(measured: Pooled | None, digits: int) -> str:
+    if isinstance(measured, Mean):
+        return _number(measured, digits)
+    if isinstance(measured, Share):
+        return _share(measured.share, digits)
+    return NOTHING if measured is None else str(measured)
 
 
 def _share(share: float | None, digits: int = 1) -> str:
-    return "–" if share is None else f"{100 * share:.{digits}f}"
+    return NOTHING if share is None else f"{100 * share:.{digits}f}"
 
 
 def _number(value: Mean, digits: int = 2) -> str:
-    return "–" if value.mean is None else f"{value.mean:.{digits}f}"
+    return NOTHING if value.mean is None else f"{value.mean:.{digits}f}"

@@ -11,8 +11,7 @@ from rich.table import Table
 
 from env.cli.app import app
 from env.cli.progress import counters
-from env.driving.setup import changed, load_setup, setup_names
-from env.study.study_results import training_name
+from env.driving.setup import changed, load_setup, setup_names, training_name
 
 
 @app.command()
@@ -51,7 +50,7 @@ def train(
 
     Example: `aeb train --setup state`, then `tensorboard --logdir runs/train`
     """
-    from env.learning.training import train as run  # noqa: PLC0415  (slow to import, and few need it)
+    from env.learning.training import train as run
 
     options = {"seed": seed, "streets": streets, "start": start}
     given = {name: value for name, value in options.items() if value is not None}

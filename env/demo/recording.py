@@ -9,7 +9,7 @@ import torch
 
 from env.demo.episode import Episode, SeenEntity, Step
 from env.driving.drivers import Driver
-from env.driving.rollout import Transition, rollout
+from env.driving.rollout import DrivenStep, rollout
 from env.street.crossing import OccludedCrossing
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
@@ -44,8 +44,8 @@ def drive(
     """
     descriptor = SceneDescriptor(Codebook(), street.pipeline.grounding)
     steps: list[Step] = []
-    for transition in rollout(street, driver, seed, frames=True):
-        steps.append(_recorded(transition, street, descriptor))
+    for driven in rollout(street, driver, seed, frames_every=1):
+        steps.append(_recorded(driven, street, descriptor))
         progress(steps[-1])
     return Episode(
         driver=name,
@@ -55,30 +55,28 @@ def drive(
         seed=seed,
         control_dt=street.control_dt,
         steps=tuple(steps),
-        ending=transition.ending,
-        info=dict(transition.info),
+        ending=driven.ending,
+        info=dict(driven.info),
     )
 
 
-def _recorded(
-    transition: Transition, street: OccludedCrossing, descriptor: SceneDescriptor
-) -> Step:
-    scene, frame, reward = transition.scene, transition.frame, street.pipeline.reward
+def _recorded(driven: DrivenStep, street: OccludedCrossing, descriptor: SceneDescriptor) -> Step:
+    scene, frame, reward = driven.scene, driven.frame, street.pipeline.reward
     assert frame is not None  # it was asked for
-    weights = reward.entity_weights(scene.facts, [entity.name for entity in scene.entities])
+    weights = reward.entity_weights(scene.conclusions, [entity.name for entity in scene.entities])
     about = _atoms_by_entity(scene.facts)
     moving = [weights[entity.name] for entity in scene.entities if entity.kind in DYNAMIC_CLASSES]
     with torch.inference_mode():
         vectors = descriptor.ssi(scene.entities, scene.classes)
         bundle = descriptor.bundle(vectors, moving)
     return Step(
-        time=transition.time,
-        position=transition.position,
-        speed=transition.speed,
-        speed_next=transition.info["speed"],
-        action=transition.action,
-        distance=transition.info["distance"],
-        ttc=transition.info["ttc"],
+        time=driven.time,
+        position=driven.position,
+        speed=driven.speed,
+        speed_next=driven.info["speed"],
+        action=driven.action,
+        distance=driven.info["distance"],
+        ttc=driven.info["ttc"],
         frame=frame.gray,
         classes=scene.classes,
         entities=tuple(
@@ -93,10 +91,10 @@ def _recorded(
             for entity in scene.entities
         ),
         facts=str(scene.facts),
-        reward=transition.reward,
-        terms=transition.parts("reward_"),
-        weights=transition.parts("weight_"),
-        confidences=transition.parts("confidence_"),
+        reward=driven.outcome.reward,
+        terms=dict(driven.outcome.terms),
+        weights=dict(driven.outcome.weights),
+        confidences=dict(driven.outcome.confidences),
         descriptor=bundle.numpy(),
     )
 

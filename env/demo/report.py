@@ -21,6 +21,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from env.demo.episode import Episode, SeenEntity, Step
+from sfol.writing import replacing
 from vsr.classes import COLOURS, SemanticClass
 from vsr.entities import ClassMap
 from vsr.pictures import PALETTE
@@ -94,7 +95,8 @@ def write_report(
     # An escaped "<" can neither end the script element nor open a comment in it.
     text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     template = files("env.demo").joinpath("report_template.html").read_text(encoding="utf-8")
-    _write_atomically(path, template.replace(_PLACEHOLDER, text))
+    with replacing(path) as part:
+        part.write_text(template.replace(_PLACEHOLDER, text), encoding="utf-8")
 
 
 def _check(episodes: Sequence[Episode], focus: Focus) -> None:
@@ -105,16 +107,6 @@ def _check(episodes: Sequence[Episode], focus: Focus) -> None:
     if not 0 <= focus.step < len(episodes[focus.episode].steps):
         steps = len(episodes[focus.episode].steps)
         raise ValueError(f"focus names step {focus.step} of {steps} in episode {focus.episode}")
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 class _Strings:

@@ -16,8 +16,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from env.street.crossing import PHYSICS_HZ, OccludedCrossing
-from env.world.actors import Ego, Walkers
+from env.street.view import StreetView
+from env.world.actors import PHYSICS_HZ, Ego, Walkers
 from env.world.kinematics import STANDSTILL
 from env.world.world import PERSON_RADIUS
 from vsr.classes import SemanticClass
@@ -33,7 +33,7 @@ class Driver(Protocol):
         """Forget the episode before."""
         ...
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return an action in [-1, 1]: throttle above 0, brake below.
 
         Args:
@@ -52,7 +52,7 @@ class _Forgetful:
 class FullThrottle(_Forgetful):
     """Always accelerates. Sees nothing."""
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return full throttle."""
         return 1.0
 
@@ -60,7 +60,7 @@ class FullThrottle(_Forgetful):
 class NeverMoves(_Forgetful):
     """Always brakes. Sees nothing."""
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return full braking."""
         return -1.0
 
@@ -75,7 +75,7 @@ class Crawl(_Forgetful):
 
     pace: float = 0.5
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return the pedal that leads to its pace."""
         return _pedal(street.ego, self.pace)
 
@@ -96,7 +96,7 @@ class TTCBrake(_Forgetful):
     margin: float = 0.8
     keep: float = 2.5
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return full braking or full throttle, which the speed limit ends."""
         reach = self.keep + self.ttc * street.ego.speed
         half = street.corridor.width / 2 + self.margin
@@ -126,16 +126,16 @@ class Cautious(_Forgetful):
     margin: float = 2.0
     near: float = 8.0
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return the pedal that leads to the speed from which it can still stop."""
         limits = [*self._limits_of_people(street), *self._limits_of_crosswalks(street)]
         return _pedal(street.ego, min([self.cruise, *limits]))
 
-    def _limits_of_people(self, street: OccludedCrossing) -> Iterator[float]:
+    def _limits_of_people(self, street: StreetView) -> Iterator[float]:
         for ahead in _distances_of_people(street, *street.pipeline.grounding.road):
             yield self._speed_to_stop_within(ahead - self.margin)
 
-    def _limits_of_crosswalks(self, street: OccludedCrossing) -> Iterator[float]:
+    def _limits_of_crosswalks(self, street: StreetView) -> Iterator[float]:
         for crosswalk in _seen(street, SemanticClass.CROSSWALK):
             ahead = _distance(street, crosswalk)
             hidden = any(
@@ -167,11 +167,11 @@ class Oracle(_Forgetful):
     pedals: tuple[float, ...] = (1.0, 0.5, 0.0)
     brake: float = -0.5
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return the first pedal after which ego can stop before everybody."""
         return next((p for p in self.pedals if self._leaves_a_way_out(street, p)), self.brake)
 
-    def _leaves_a_way_out(self, street: OccludedCrossing, pedal: float) -> bool:
+    def _leaves_a_way_out(self, street: StreetView, pedal: float) -> bool:
         ego, people = street.ego, copy.copy(street.people)
         while True:
             egos, positions = _play_on(ego, people, pedal, street.control_dt)
@@ -204,11 +204,11 @@ def _pedal(ego: Ego, target: float) -> float:
     return max(min(wanted / (car.drive if wanted > 0.0 else car.brake), 1.0), -1.0)
 
 
-def _seen(street: OccludedCrossing, *kinds: SemanticClass) -> Iterator[Entity]:
+def _seen(street: StreetView, *kinds: SemanticClass) -> Iterator[Entity]:
     return (entity for entity in street.scene.entities if entity.kind in kinds)
 
 
-def _distances_of_people(street: OccludedCrossing, left: float, right: float) -> Iterator[float]:
+def _distances_of_people(street: StreetView, left: float, right: float) -> Iterator[float]:
     """Return how far before the bumper people on the road are, between two lines beside ego.
 
     Args:
@@ -225,17 +225,16 @@ def _distances_of_people(street: OccludedCrossing, left: float, right: float) ->
             yield ahead
 
 
-def _distance(street: OccludedCrossing, entity: Entity) -> float:
+def _distance(street: StreetView, entity: Entity) -> float:
     """Return how far before ego's bumper an entity meets the ground, by the pinhole's rows."""
-    lens = street.camera.parameters
-    below = max(entity.bottom - lens.size / 2, 0.5)
-    return lens.focal_length * lens.height / below - lens.setback
+    pinhole = street.lens.pinhole
+    row = max(entity.bottom, pinhole.horizon + 0.5)  # nobody stands above the horizon
+    return pinhole.distance(row) - street.lens.setback
 
 
-def _lateral(street: OccludedCrossing, column: float, ahead: float) -> float:
+def _lateral(street: StreetView, column: float, ahead: float) -> float:
     """Return how far right of ego's centre line a column is at a distance before the bumper."""
-    lens = street.camera.parameters
-    return (column - lens.size / 2) * (ahead + lens.setback) / lens.focal_length
+    return street.lens.pinhole.lateral(column, ahead + street.lens.setback)
 
 
 def _play_on(ego: Ego, people: Walkers, pedal: float, seconds: float) -> tuple[list[Ego], Array]:

@@ -13,10 +13,10 @@ from gymnasium import spaces
 
 from env.driving.drivers import DRIVERS, Driver
 from env.perception.weights_folder import weights_folder
-from env.street.crossing import OccludedCrossing
 from env.street.observation import ObservationKind, Observer, observer_of
+from env.street.view import StreetView
 from env.world.camera import DashCameraParameters
-from sfol.errors import MissingExtraError, UsageError, did_you_mean
+from sfol.errors import UsageError, did_you_mean, missing_extra
 
 _PROJECT = Path(__file__).resolve().parents[2]
 TRAINED = "trained"
@@ -100,13 +100,13 @@ class TrainedDriver:
         """Forget what was observed."""
         self._last.clear()
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return the policy's most likely action."""
         from env.driving.policy_files import act  # noqa: PLC0415
 
         return act(self._network, self.observe(street))
 
-    def observe(self, street: OccludedCrossing) -> npt.NDArray[np.float32]:
+    def observe(self, street: StreetView) -> npt.NDArray[np.float32]:
         """Return what the policy is given now, float32 (N,)."""
         observation = np.asarray(self._observer(street))
         # Before the first observation there were zeros, as in stable-baselines3's VecFrameStack.
@@ -139,7 +139,7 @@ class PickledPolicyDriver:
     def reset(self) -> None:
         """Do nothing: the policy has no memory."""
 
-    def __call__(self, street: OccludedCrossing) -> float:
+    def __call__(self, street: StreetView) -> float:
         """Return the policy's most likely action."""
         action, _ = self._policy.predict(self._observer(street), deterministic=True)
         return float(np.asarray(action).ravel()[0])
@@ -176,10 +176,8 @@ def _load(path: Path) -> Any:
     try:
         from stable_baselines3 import PPO  # noqa: PLC0415  (slow, and few need it)
     except ImportError:
-        raise MissingExtraError(
-            "policy files need stable-baselines3, which is not installed",
-            name="aeb",
-            suggestion="pip install 'sfol[aeb]'",
+        raise missing_extra(
+            "stable-baselines3", "policies in .zip files need it", extra="aeb", python="3.11"
         ) from None
     try:
         return PPO.load(path, device="cpu").policy

@@ -58,15 +58,16 @@ class PolicyFile:
         self._card = path.with_suffix(".json")
         self._codebook = path.with_suffix(".codebook.safetensors")
 
-    def write(self, card: PolicyCard, model: Any) -> None:
+    def write(self, card: PolicyCard, model: Any, codebook: Codebook | None = None) -> None:
         """Write a policy, its weights last.
 
         Args:
             card: what it is.
             model: PPO of stable-baselines3, with an `env.learning.actor_critic.ActorCritic`.
+            codebook: the symbols that it was trained with; None where it observes no vector.
         """
-        if card.setup.observation == "vsr":
-            Codebook().save(self._codebook)
+        if codebook is not None:
+            codebook.save(self._codebook)
         with replacing(self._card) as part:
             part.write_text(card.model_dump_json(indent=2) + "\n", encoding="utf-8")
         with replacing(self.path) as part:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from env.world.cells import Cell, CellOcclusion, Traffic
 from sfol.errors import Place, UsageError, did_you_mean
-from vsr.hypervectors.fusion import Method
+from vsr.hypervectors.methods import Method
 
 _FOLDER = Path(__file__).resolve().parents[2] / "setups"
 
@@ -234,6 +234,11 @@ def load_setup(source: str | Path) -> Setup:
         raise UsageError(f"'{path}' is no text", name=str(path)) from None
     except ValidationError as error:
         raise _invalid(str(path), error) from None
+
+
+def training_name(setup: str, seed: int) -> str:
+    """Return the name of a setup trained with a seed."""
+    return f"{setup}-seed{seed}"
 
 
 def changed(setup: Setup, **changes: Any) -> Setup:

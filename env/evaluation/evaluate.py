@@ -5,7 +5,6 @@ Source: paper, section "Model Evaluation".
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,20 +13,21 @@ from typing import NamedTuple, get_args
 
 from env.driving.drivers import Driver
 from env.driving.policies import TRAINED, file_hash, make_driver, policy_file
-from env.driving.rollout import Ending, Transition, rollout
+from env.driving.rollout import DrivenStep, Ending, rollout
 from env.driving.setup import DISCOUNT
 from env.evaluation import metrics
+from env.evaluation.metrics import METRICS, Course, Pooled, Value
 from env.evaluation.parallel import in_order
-from env.evaluation.statistics import Mean, Share
+from env.evaluation.statistics import Mean
 from env.street.crossing import OccludedCrossing
+from env.street.seeds import FINAL_TEST
 from env.street.variants import QuietStreet
-from env.world import kinematics
+from env.street.view import Street
 from env.world.cells import Cell
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LoggedStep
-from sfol.testing.cases import fired_rules
 
-FIRST_SEED = 10_000  # of evaluation; nothing is ever tuned or trained on these seeds
+FIRST_SEED = FINAL_TEST.start
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """What was measured of an episode. None stands for "it has none".
+    """What was measured of an episode.
 
     Attributes:
         seed: of the episode.
@@ -136,14 +136,7 @@ class EpisodeResult:
         ending: how it ended.
         steps: how many control steps it had.
         seconds: how long it took.
-        stopping_distance: see `kinematics.stopping_distance`, in m.
-        rms_speed: over all instants, in m/s.
-        rms_acceleration: over all steps, in m/s².
-        rms_jerk: over all pairs of steps, in m/s³.
-        min_ttc: smallest time to collision, in s; 0 on contact.
-        impact_speed: ego's speed at the contact, in m/s.
-        false_braking: number of steps; see `metrics.false_braking`.
-        contact_at_rest: instants at which somebody touched ego while it stood.
+        measured: metric → its number; None where the episode has none.
         total: Σ r, the return.
         discounted: Σ γ^k r.
         fluctuation: weight → total variation, in 1/s.
@@ -156,25 +149,12 @@ class EpisodeResult:
     ending: Ending
     steps: int
     seconds: float
-    stopping_distance: float | None
-    rms_speed: float
-    rms_acceleration: float
-    rms_jerk: float | None
-    min_ttc: float | None
-    impact_speed: float | None
-    false_braking: int
-    contact_at_rest: int
+    measured: Mapping[str, Value]
     total: float
     discounted: float
     fluctuation: Mapping[str, float]
     heads: Mapping[str, int]
     rules: Mapping[str, int]
-
-    @property
-    def near_miss(self) -> bool:
-        """Whether a collision was less than 2 s away, and there was none."""
-        near = self.min_ttc is not None and self.min_ttc <= metrics.NEAR_MISS
-        return near and self.ending != "collision"
 
 
 @dataclass(frozen=True)
@@ -189,26 +169,10 @@ class DrivenEpisode:
 class Summary:
     """What was measured of the episodes of a driver in a cell.
 
-    Rates have Wilson's 95 % interval. Means are over those episodes that have the number, and say
-    how many those are.
-
     Attributes:
         steps: of all episodes together.
-        success: share of episodes.
-        collision: share of episodes.
-        timeout: share of episodes.
-        near_miss: share of episodes whose smallest time to collision is at most 2 s, without
-            collision.
-        false_braking: share of all steps; see `metrics.false_braking`. Its interval takes steps
-            for independent, which neighbours are not.
-        stopping_distance: over episodes with a stop for somebody, in m.
-        rms_speed: mean of the episodes', in m/s.
-        rms_acceleration: mean of the episodes', in m/s².
-        rms_jerk: mean of the episodes', in m/s³.
-        min_ttc: over episodes in which somebody was in the way, in s.
-        impact_speed: over collisions, in m/s.
-        time_to_goal: over successes, in s.
-        contact_at_rest: over all episodes, of how many instants somebody touched a standing ego.
+        measured: metric → what its row in `env.evaluation.metrics.METRICS` makes of all episodes.
+            A summary that was made before there was a metric lacks it.
         total: ending → mean return of the episodes that ended so.
         discounted: ending → mean discounted return of those.
         fluctuation: weight → mean total variation, in 1/s.
@@ -217,19 +181,7 @@ class Summary:
     """
 
     steps: int
-    success: Share
-    collision: Share
-    timeout: Share
-    near_miss: Share
-    false_braking: Share
-    stopping_distance: Mean
-    rms_speed: Mean
-    rms_acceleration: Mean
-    rms_jerk: Mean
-    min_ttc: Mean
-    impact_speed: Mean
-    time_to_goal: Mean
-    contact_at_rest: int
+    measured: Mapping[str, Pooled]
     total: Mapping[Ending, Mean]
     discounted: Mapping[Ending, Mean]
     fluctuation: Mapping[str, Mean]
@@ -260,7 +212,7 @@ def evaluate(
 
 
 def drive_episode(
-    street: OccludedCrossing,
+    street: Street,
     driver: Driver,
     seed: int,
     *,
@@ -276,26 +228,18 @@ def drive_episode(
         discount: γ of the discounted return.
         logs: whether facts and signals of every step are kept.
     """
-    reward = street.pipeline.reward
     steps: list[_Step] = []
     log: list[LoggedStep] = []
-    for transition in rollout(street, driver, seed):
-        facts = transition.scene.facts
-        steps.append(_Step.of(transition, fired_rules(reward, facts)))
+    for driven in rollout(street, driver, seed):
+        steps.append(_Step.of(driven))
         if logs:
-            log.append(LoggedStep(transition.time, facts, transition.signals))
-    return DrivenEpisode(_measured(street, seed, steps, transition, discount), tuple(log))
+            log.append(LoggedStep(driven.time, driven.scene.facts, driven.signals))
+    return DrivenEpisode(_measured(street, seed, steps, driven, discount), tuple(log))
 
 
 def summarize(results: Sequence[EpisodeResult]) -> Summary:
     """Return the summary of episodes under one knowledge base."""
     steps = sum(result.steps for result in results)
-
-    def share(ending: Ending) -> Share:
-        return Share.over(result.ending == ending for result in results)
-
-    def mean(name: str) -> Mean:
-        return Mean.over(getattr(result, name) for result in results)
 
     def by_ending(name: str) -> dict[Ending, Mean]:
         return {
@@ -312,19 +256,10 @@ def summarize(results: Sequence[EpisodeResult]) -> Summary:
     weights = dict.fromkeys(name for result in results for name in result.fluctuation)
     return Summary(
         steps=steps,
-        success=share("success"),
-        collision=share("collision"),
-        timeout=share("timeout"),
-        near_miss=Share.over(result.near_miss for result in results),
-        false_braking=Share.out_of(sum(result.false_braking for result in results), steps),
-        stopping_distance=mean("stopping_distance"),
-        rms_speed=mean("rms_speed"),
-        rms_acceleration=mean("rms_acceleration"),
-        rms_jerk=mean("rms_jerk"),
-        min_ttc=mean("min_ttc"),
-        impact_speed=mean("impact_speed"),
-        time_to_goal=Mean.over(r.seconds for r in results if r.ending == "success"),
-        contact_at_rest=sum(result.contact_at_rest for result in results),
+        measured={
+            metric.name: metric.pool([result.measured[metric.name] for result in results], steps)
+            for metric in METRICS
+        },
         total=by_ending("total"),
         discounted=by_ending("discounted"),
         fluctuation={w: Mean.over(r.fluctuation[w] for r in results) for w in weights},
@@ -347,58 +282,50 @@ class _Step(NamedTuple):
     rules: frozenset[str]
 
     @classmethod
-    def of(cls, transition: Transition, rules: frozenset[str]) -> _Step:
-        info, confidences = transition.info, transition.parts("confidence_")
+    def of(cls, driven: DrivenStep) -> _Step:
+        info, confidences = driven.info, driven.outcome.confidences
         return cls(
-            speed=transition.speed,
+            speed=driven.speed,
             speed_next=info["speed"],
             distance=info["distance"],
             ttc=info["ttc"],
-            crosswalk_free=transition.crosswalk_free,
-            reward=transition.reward,
-            weights=transition.parts("weight_"),
+            crosswalk_free=driven.crosswalk_free,
+            reward=driven.outcome.reward,
+            weights=driven.outcome.weights,
             heads=[head for head, confidence in confidences.items() if confidence > 0.0],
-            rules=rules,
+            rules=driven.outcome.fired,
         )
 
 
 def _measured(
-    street: OccludedCrossing, seed: int, steps: Sequence[_Step], last: Transition, discount: float
+    street: Street, seed: int, steps: Sequence[_Step], last: DrivenStep, discount: float
 ) -> EpisodeResult:
-    kb, dt, info = street.pipeline.kb, street.control_dt, last.info
-    speeds = [steps[0].speed, *(step.speed_next for step in steps)]
-    accelerations = kinematics.rate(speeds, dt)
+    kb, dt = street.pipeline.kb, street.control_dt
+    course = Course(
+        dt=dt,
+        speeds=[steps[0].speed, *(step.speed_next for step in steps)],
+        distances=[step.distance for step in steps],
+        ttcs=[step.ttc for step in steps],
+        crosswalk_free=[step.crosswalk_free for step in steps],
+        ending=last.ending,
+        info=last.info,
+    )
     rewards = [step.reward for step in steps]
     heads = Counter(head for step in steps for head in step.heads)
     rules = Counter(rule for step in steps for rule in step.rules)
     return EpisodeResult(
         seed=seed,
         behaviour=street.behaviour,
-        ending=last.ending,
+        ending=course.ending,
         steps=len(steps),
-        seconds=len(steps) * dt,
-        stopping_distance=_known(info["stopping_distance"]),
-        rms_speed=kinematics.rms(speeds),
-        rms_acceleration=kinematics.rms(accelerations),
-        rms_jerk=_known(kinematics.rms(kinematics.rate(accelerations, dt))),
-        min_ttc=_known(min(step.ttc for step in steps)),
-        impact_speed=info["speed"] if info["collision"] else None,
-        false_braking=metrics.false_braking(
-            accelerations,
-            [step.distance for step in steps],
-            [step.crosswalk_free for step in steps],
-        ),
-        contact_at_rest=info["contact_at_rest"],
+        seconds=course.seconds,
+        measured={metric.name: metric.of(course) for metric in METRICS},
         total=sum(rewards),
         discounted=metrics.discounted_return(rewards, discount),
         fluctuation={w: metrics.fluctuation([s.weights[w] for s in steps], dt) for w in kb.weights},
         heads={head: heads[head] for head in kb.heads},
         rules={rule: rules[rule] for rule in kb.rules},
     )
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 class _Job(NamedTuple):
@@ -408,7 +335,7 @@ class _Job(NamedTuple):
 
 
 class _Workplace:
-    """Street and driver of this process. They are dear to build, and so kept for the next job."""
+    """Street and driver of this process. Expensive to build, they are kept for the next job."""
 
     def __init__(self) -> None:
         self._settings: Settings | None = None

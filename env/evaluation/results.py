@@ -13,9 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, PlainSerializer, TypeAdapter, ValidationError
 
 from env.evaluation.evaluate import (
     Drive,
@@ -25,6 +25,7 @@ from env.evaluation.evaluate import (
     Summary,
     summarize,
 )
+from env.evaluation.metrics import METRICS, Pooled
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
 from sfol.errors import UsageError
@@ -34,7 +35,26 @@ from sfol.writing import replacing
 
 Content = TypeVar("Content")
 
+# 1: without a version. 2: the same, with it.
+SCHEMA_VERSION = 2
 _PACKAGES = ("sfol", "numpy", "pybullet", "stable-baselines3", "torch")
+
+
+# In a file, metrics stand beside the summary's other parts.
+_BESIDE_METRICS = {field.name for field in fields(Summary)} - {"measured"}
+
+
+def _nested(summary: Any) -> Any:
+    """Put the metrics of a file's summary together, those that are unknown here too."""
+    if not isinstance(summary, dict):
+        return summary
+    measured = {name: part for name, part in summary.items() if name not in _BESIDE_METRICS}
+    return {"measured": measured} | {n: summary[n] for n in _BESIDE_METRICS & summary.keys()}
+
+
+def _flat(summary: Summary) -> dict[str, Any]:
+    parts = {field.name: getattr(summary, field.name) for field in fields(summary)}
+    return {"steps": parts.pop("steps"), **parts.pop("measured"), **parts}
 
 
 @dataclass(frozen=True)
@@ -42,6 +62,7 @@ class DriveResult:
     """What a result file holds.
 
     Attributes:
+        schema_version: of the file's form; files from before it was written down have 1.
         settings: what decides the result.
         command: makes it again.
         versions: of the software that made it.
@@ -51,7 +72,8 @@ class DriveResult:
     settings: Settings
     command: str
     versions: Mapping[str, str]
-    summary: Summary
+    summary: Annotated[Summary, BeforeValidator(_nested), PlainSerializer(_flat)]
+    schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)] = 1
 
 
 @dataclass(frozen=True)
@@ -119,7 +141,9 @@ class ResultFolder:
             if log
             else [episode.result for episode in episodes]
         )
-        result = DriveResult(drive.settings, command, versions(), summarize(results))
+        result = DriveResult(
+            drive.settings, command, versions(), summarize(results), SCHEMA_VERSION
+        )
         write_csv(self.file(drive, ".csv"), [_episode_row(one) for one in results])
         write_json(self.file(drive), result)
         self._write_table()
@@ -158,9 +182,9 @@ def read_json(path: Path, kind: type[Content]) -> Content:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows with the same names as CSV, whole or not at all; None is an empty field."""
+    """Write rows as CSV, whole or not at all; None and what a row lacks are empty fields."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
+        writer = csv.DictWriter(file, dict.fromkeys(name for row in rows for name in row))
         writer.writeheader()
         writer.writerows({name: _shown(value) for name, value in row.items()} for row in rows)
 
@@ -184,28 +208,33 @@ def _logged(
 
 
 def _episode_row(result: EpisodeResult) -> dict[str, Any]:
-    row = asdict(result)
-    fluctuation = row.pop("fluctuation")
-    counts = {"heads", "rules"}
+    row = {field.name: getattr(result, field.name) for field in fields(result)}
+    fluctuation, measured = row.pop("fluctuation"), row.pop("measured")
+    del row["heads"], row["rules"]
     return {
-        **{name: value for name, value in row.items() if name not in counts},
+        **row,
+        **{
+            name: int(value) if isinstance(value, bool) else value
+            for name, value in measured.items()
+        },
         **{f"fluctuation_{weight}": value for weight, value in fluctuation.items()},
     }
 
 
 def _summary_row(result: DriveResult) -> dict[str, Any]:
-    summary = result.summary
-    row: dict[str, Any] = asdict(result.settings)
-    for field in fields(summary):
-        value = getattr(summary, field.name)
-        if isinstance(value, Share):
-            row |= {f"{field.name}{end}": x for end, x in _share_columns(value).items()}
-        elif isinstance(value, Mean):
-            row |= {field.name: value.mean, f"{field.name}_episodes": value.episodes}
-        elif isinstance(value, int):
-            row[field.name] = value
+    row: dict[str, Any] = asdict(result.settings) | {"steps": result.summary.steps}
+    for metric in METRICS:
+        row |= _columns(metric.name, result.summary.measured.get(metric.name))
     # What is by weight, head, rule or ending stands in the result itself.
     return row
+
+
+def _columns(name: str, pooled: Pooled | None) -> dict[str, Any]:
+    if isinstance(pooled, Share):
+        return {f"{name}{end}": x for end, x in _share_columns(pooled).items()}
+    if isinstance(pooled, Mean):
+        return {name: pooled.mean, f"{name}_episodes": pooled.episodes}
+    return {name: pooled}
 
 
 def _share_columns(share: Share) -> dict[str, float | None]:

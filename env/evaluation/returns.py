@@ -1,4 +1,4 @@
-"""What a knowledge base makes worth while, before anything is trained.
+"""What a knowledge base rewards, before anything is trained.
 
 Whoever learns from a reward finds what pays. So collisions have to be worth less than standing
 still, and standing still and crawling less than reaching the goal.
@@ -15,11 +15,11 @@ from env.evaluation.statistics import Mean
 
 
 @dataclass(frozen=True)
-class Conduct:
+class ReferenceBehaviour:
     """A way to drive.
 
     Attributes:
-        name: of the conduct.
+        name: of the behaviour.
         driver: who drives like that.
         ending: of the episodes that count.
     """
@@ -29,53 +29,53 @@ class Conduct:
     ending: Ending
 
 
-CONDUCTS = (
-    Conduct("collision", "full_throttle", "collision"),
-    Conduct("standing still", "never_moves", "timeout"),
-    Conduct("crawling", "crawl", "timeout"),
-    Conduct("goal, carefully", "cautious", "success"),
-    Conduct("goal, at once", "oracle", "success"),
+REFERENCE_BEHAVIOURS = (
+    ReferenceBehaviour("collision", "full_throttle", "collision"),
+    ReferenceBehaviour("standing still", "never_moves", "timeout"),
+    ReferenceBehaviour("crawling", "crawl", "timeout"),
+    ReferenceBehaviour("goal, carefully", "cautious", "success"),
+    ReferenceBehaviour("goal, at once", "oracle", "success"),
 )
 
 
 @dataclass(frozen=True)
-class Worth:
-    """What a conduct is worth.
+class BehaviourReturn:
+    """What a behaviour returns.
 
     Attributes:
-        conduct: its name.
+        behaviour: its name.
         total: mean return.
         discounted: mean discounted return.
     """
 
-    conduct: str
+    behaviour: str
     total: Mean
     discounted: Mean
 
 
-def worth(conduct: Conduct, summaries: Sequence[Summary]) -> Worth:
-    """Return what a conduct is worth.
+def return_of(behaviour: ReferenceBehaviour, summaries: Sequence[Summary]) -> BehaviourReturn:
+    """Return what a behaviour is one.
 
     Args:
-        conduct: a way to drive.
-        summaries: of its driver, in any cells; only episodes with the conduct's ending count.
+        behaviour: a way to drive.
+        summaries: of its driver, in any cells; only episodes with the behaviour's ending count.
     """
-    return Worth(
-        conduct.name,
-        Mean.pooled(summary.total[conduct.ending] for summary in summaries),
-        Mean.pooled(summary.discounted[conduct.ending] for summary in summaries),
+    return BehaviourReturn(
+        behaviour.name,
+        Mean.pooled(summary.total[behaviour.ending] for summary in summaries),
+        Mean.pooled(summary.discounted[behaviour.ending] for summary in summaries),
     )
 
 
-def faults(worths: Sequence[Worth]) -> list[str]:
+def faults(returns: Sequence[BehaviourReturn]) -> list[str]:
     """Return what is worth more than it should be; of nothing, the reward is in order.
 
     The order is that of the discounted returns, which are what is learned from.
 
     Args:
-        worths: of all conducts. One without episodes says nothing.
+        returns: of all behaviours. One without episodes says nothing.
     """
-    value = {w.conduct: w.discounted.mean for w in worths if w.discounted.mean is not None}
+    value = {w.behaviour: w.discounted.mean for w in returns if w.discounted.mean is not None}
     wrong = [("collision", "standing still")]
     for goal in ("goal, carefully", "goal, at once"):
         wrong += [("standing still", goal), ("crawling", goal)]

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from env.street.crossing import OccludedCrossing
+from env.street.seeds import TRAINING
 from env.world.cells import Cell
-
-EPISODE_SEEDS = (2**30, 2**31)  # far from the small ones of the final test
 
 
 class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
@@ -21,6 +20,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         cells: traffic and occlusion to draw from, each as likely; `use` changes them.
+        seeds: to draw those of the episodes from.
         options: arguments of `OccludedCrossing`, for all of them; they share one observer.
 
     Attributes:
@@ -29,10 +29,11 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     metadata = OccludedCrossing.metadata
 
-    def __init__(self, cells: tuple[Cell, ...], **options: Any) -> None:
+    def __init__(self, cells: tuple[Cell, ...], seeds: range = TRAINING, **options: Any) -> None:
         self._options = options
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
+        self._seeds = seeds
         self._cell = cells[0]
         self.street = self._street_of(self._cell)
         self.observation_space = self.street.observation_space
@@ -54,7 +55,7 @@ class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         self._cell = self._cells[int(self.np_random.integers(len(self._cells)))]
         self.street = self._street_of(self._cell)
-        episode_seed = int(self.np_random.integers(*EPISODE_SEEDS))
+        episode_seed = int(self.np_random.integers(self._seeds.start, self._seeds.stop))
         observation, info = self.street.reset(seed=episode_seed, options=options)
         return observation, info | self._cell._asdict()
 

@@ -37,17 +37,18 @@ from env.learning.callbacks import (
     RewardParts,
 )
 from env.learning.journal import Clock, History, Row
-from env.learning.new_model import DEVICE, new_model, start_of
+from env.learning.new_model import DEVICE, codebook_of, new_model, start_of
 from env.learning.vector_streets import make_streets
+from env.street.seeds import EVALUATION
 from env.world.cells import Cell
 from sfol.errors import UsageError
 from sfol.writing import replacing
 
 log = logging.getLogger(__name__)
 
-# From these, streets draw the seeds of their episodes.
-TRAINING_SEEDS = 1_000_000_000
-EVALUATION_SEEDS = 2_000_000_000
+# Of what streets draw: cells, and the seeds of their episodes.
+_TRAINING_DRAWS = 1_000_000_000
+_EVALUATION_DRAWS = 2_000_000_000
 _KEPT_CHECKPOINTS = 3
 
 
@@ -97,7 +98,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
 
 def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
-    streets = make_streets(setup, setup.stages[0].cells, TRAINING_SEEDS)
+    streets = make_streets(setup, setup.stages[0].cells, _TRAINING_DRAWS)
     try:
         model = _last_model(streets, folder)
         done = model.num_timesteps if model else 0
@@ -108,7 +109,7 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         if model is None:
             model = new_model(setup, streets, progress)
         # The model has given the streets its own seed; and a training that goes on meets new ones.
-        streets.seed(TRAINING_SEEDS + 1_000_000 * setup.seed + model.num_timesteps)
+        streets.seed(_TRAINING_DRAWS + 1_000_000 * setup.seed + model.num_timesteps)
         record = _Record(setup, folder, model.num_timesteps)
         model.set_logger(configure(str(folder), ["tensorboard"]))
         callbacks: list[BaseCallback] = [
@@ -201,6 +202,7 @@ class _Record:
         self._setup = setup
         start = start_of(setup)
         self._start_hash = file_hash(start.path) if start else None
+        self._codebook = codebook_of(setup)
         self._episodes = History(folder / "episodes.jsonl")
         self._evaluations = History(folder / "evaluations.jsonl")
         self._policy = PolicyFile(folder / "policy.safetensors")
@@ -228,7 +230,7 @@ class _Record:
         result = evaluate_policy(model, self._setup)
         best = max(map(_goodness, self._evaluations.rows()), default=(-math.inf, -math.inf))
         if _goodness(result) >= best:
-            self._policy.write(self._card(model.num_timesteps, result), model)
+            self._policy.write(self._card(model.num_timesteps, result), model, self._codebook)
         # The row comes last: whoever finds it finds the policy, too.
         steps = {"steps": model.num_timesteps, "seconds": self._clock.seconds}
         self._evaluations.append({**steps, **result})
@@ -273,7 +275,8 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
     # Those of the training wait meanwhile, and hold memory: more than there are processors are of
     # no use.
     count = min(setup.streets, cores())
-    streets = make_streets(setup, cells, EVALUATION_SEEDS + 1_000_000 * setup.seed, count=count)
+    draws = _EVALUATION_DRAWS + 1_000_000 * setup.seed
+    streets = make_streets(setup, cells, draws, seeds=EVALUATION, count=count)
     try:
         infos = list(_endings(model, streets, setup.evaluation_episodes))
     finally:

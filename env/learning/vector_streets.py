@@ -23,14 +23,18 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 import sfol
 from env.driving.setup import Setup
 from env.learning.curriculum import StreetsInTurn
+from env.learning.new_model import codebook_of
 from env.street.observation import STATE_FIELDS, Observer, PrivilegedObserver, observer_of
+from env.street.seeds import TRAINING
 from env.world.camera import DashCameraParameters
 from env.world.cells import Cell
 
 Array = npt.NDArray[np.float32]
 
 
-def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int = 0) -> VecEnv:
+def make_streets(
+    setup: Setup, cells: Sequence[Cell], seed: int, *, seeds: range = TRAINING, count: int = 0
+) -> VecEnv:
     """Return a setup's streets, with its observations and rewards, each in its own process.
 
     The processes draw, perceive and describe for themselves, so that all processors are busy all
@@ -39,10 +43,11 @@ def make_streets(setup: Setup, cells: Sequence[Cell], seed: int, *, count: int =
     Args:
         setup: gives rules, perception, observation, fusion and the number of streets.
         cells: to draw from.
-        seed: of the first street; the others follow.
+        seed: of the first street's draws; the others follow.
+        seeds: to draw those of the episodes from.
         count: how many streets; the setup's number by default.
     """
-    make: Callable[[], Any] = partial(_street, setup, tuple(cells))
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells), seeds)
     number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
@@ -69,15 +74,20 @@ def _scales(setup: Setup, space: spaces.Box) -> Array:
     return scales
 
 
-def _street(setup: Setup, cells: tuple[Cell, ...]) -> StreetsInTurn:
+def _street(setup: Setup, cells: tuple[Cell, ...], seeds: range) -> StreetsInTurn:
     """Return what one process drives on."""
     observer: Observer = observer_of(
-        setup.observation, DashCameraParameters().size, setup.fusion, speed=setup.speed
+        setup.observation,
+        DashCameraParameters().size,
+        setup.fusion,
+        codebook_of(setup),
+        speed=setup.speed,
     )
     if setup.privileged:
         observer = PrivilegedObserver(observer)
     return StreetsInTurn(
         cells,
+        seeds,
         rules=sfol.KnowledgeBase.load(*setup.rules),
         perception=setup.perception,
         observation=observer,

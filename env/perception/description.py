@@ -14,7 +14,8 @@ from env.perception.pipeline import Scene, ScenePipeline
 from sfol.errors import UsageError
 from vsr.hypervectors.codebook import Codebook
 from vsr.hypervectors.descriptor import SceneDescriptor
-from vsr.hypervectors.fusion import Fusion, Method
+from vsr.hypervectors.fusion import Fusion
+from vsr.hypervectors.methods import Method
 from vsr.segmentation import Frame
 
 
@@ -84,5 +85,5 @@ class Describer:
         return vectors
 
     def _weights(self, scene: Scene, names: Sequence[str]) -> list[float]:
-        weights = self._reward.entity_weights(scene.facts, names)
+        weights = self._reward.entity_weights(scene.conclusions, names)
         return [weights[name] for name in names]

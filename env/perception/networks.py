@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
-from sfol.errors import MissingExtraError, UsageError
+from sfol.errors import UsageError, missing_extra
 from vsr.grounding import Camera
 
 try:
@@ -15,10 +15,8 @@ try:
     from vsr.networks.unet import UNetSegmenter
     from vsr.networks.weights import read_card
 except ImportError as error:
-    raise MissingExtraError(
-        f"the street's networks need {error.name}",
-        name=error.name,
-        suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
+    raise missing_extra(
+        str(error.name), "the networks of the street need it", extra="aeb", python="3.11"
     ) from error
 
 RENDERER = "pybullet TinyRenderer"  # of the dash camera's frames
@@ -73,7 +71,7 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             name=str(file),
             suggestion=(
                 f"they come with a checkout; {FOLDER_VARIABLE} names another folder; "
-                f"python -m vsr.training {network} --help says how to train them"
+                f"aeb networks {network} --help says how to train them"
             ),
         )
     trained_on = read_card(file).trained_on
@@ -89,7 +87,6 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             raise UsageError(
                 f"the {network} knows frames of a camera with {name} {known:g}, not {value:g}",
                 name=name,
-                suggestion="train it with frames of the other camera: "
-                "python -m env.tools.frames --help",
+                suggestion="train it with frames of the other camera: aeb frames --help",
             )
     return file

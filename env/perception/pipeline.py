@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sfol
+from sfol.engines.conclusions import Conclusions
 from sfol.errors import UsageError
 from vsr.entities import ClassMap, Entity, class_map, find_entities
 from vsr.facts import scene_facts
@@ -24,12 +25,14 @@ class Scene:
     Attributes:
         entities: pedestrians, vehicles, trucks and crosswalks that are seen.
         facts: what they say about the scene.
+        conclusions: what follows from the facts.
         class_map: uint8 (H, W), the segmenter's most likely class of each pixel; None where the
             facts come from no picture.
     """
 
     entities: tuple[Entity, ...]
     facts: sfol.Facts
+    conclusions: Conclusions
     class_map: ClassMap | None = None
 
     @property
@@ -74,10 +77,16 @@ class ScenePipeline:
 
     def perceive(self, frames: Sequence[Frame]) -> list[Scene]:
         """Return the scene of each frame; the segmenter runs once for all of them."""
-        return [self._scene(probabilities) for probabilities in self._segmenter(frames)]
+        return [self._read(probabilities) for probabilities in self._segmenter(frames)]
 
-    def _scene(self, probabilities: NDArray[np.float32]) -> Scene:
+    def scene(
+        self, entities: tuple[Entity, ...], facts: sfol.Facts, classes: ClassMap | None = None
+    ) -> Scene:
+        """Return the scene of what was seen; this is where its conclusions are drawn, once."""
+        return Scene(entities, facts, self.reward.conclude(facts), classes)
+
+    def _read(self, probabilities: NDArray[np.float32]) -> Scene:
         classes = class_map(probabilities)
         entities = find_entities(probabilities, self.grounding.minimum_area, classes)
         facts = scene_facts(entities, classes, self.grounding, self.reward.facts(), self.kb.subject)
-        return Scene(entities, facts, classes)
+        return self.scene(entities, facts, classes)

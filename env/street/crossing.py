@@ -16,10 +16,11 @@ from gymnasium.error import ResetNeeded
 from numpy.random import Generator
 
 import sfol
-from env.perception.pipeline import Scene, ScenePipeline
-from env.perception.truth import TruthPerception
+from env.perception.pipeline import Scene
 from env.street.observation import Observation, ObservationKind, Observer, observer_of
+from env.street.perceptions import PERCEPTIONS
 from env.world.actors import (
+    PHYSICS_HZ,
     TRAFFIC,
     Behaviour,
     Corridor,
@@ -33,18 +34,16 @@ from env.world.cells import Traffic
 from env.world.kinematics import STANDSTILL, stopping_distance
 from env.world.meshes import VehicleSize
 from env.world.window import Window
-from env.world.world import PERSON_RADIUS, Occlusion, World
+from env.world.world import PERSON_RADIUS, Occlusion, StreetGeometry, World
 from sfol.errors import UsageError, did_you_mean
 from sfol.wrappers import log_items
 from vsr.grounding import SegmentationGrounding
-from vsr.segmentation import Frame, Segmenter, SimulatorSegmenter
+from vsr.segmentation import Frame
 
 Array = npt.NDArray[np.float64]
-Perception = Literal["simulator", "truth", "unet", "none"]
 RenderMode = Literal["rgb_array", "human"]
 RenderView = Literal["third_person", "dash"]
 
-PHYSICS_HZ = 100
 SPEED_LIMITS = (10.0, 130.0)  # km/h, the least and the greatest
 
 
@@ -132,7 +131,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self._behaviours: tuple[Behaviour, ...] = get_args(Behaviour)
         if behaviour is not None:
             self._behaviours = (_one_of("behaviour", behaviour, self._behaviours),)
-        self.perception: Perception = _one_of("perception", perception, get_args(Perception))
+        self.perception: str = _one_of("perception", perception, list(PERCEPTIONS))
         if render_mode is not None:
             _one_of("render_mode", render_mode, get_args(RenderMode))
         self.render_mode = render_mode
@@ -146,15 +145,16 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.metadata = {**self.metadata, "render_fps": control_hz}
 
         kb = rules if isinstance(rules, sfol.KnowledgeBase) else sfol.KnowledgeBase.load(rules)
-        self.pipeline = ScenePipeline(kb, _segmenter(self.perception, kb))
         self._ego_parameters = EgoParameters(top_speed=speed_limit / 3.6)
         car = self._ego_parameters
         size = VehicleSize(car.length, car.width, car.height)
         self.world = World(TRAFFIC[self.traffic].people, self.occlusion, size)
-        lens = self.pipeline.grounding.camera
-        self.camera = DashCamera(self.world, DashCameraParameters(fov=lens.fov, height=lens.height))
+        camera = kb.grounding_of("segmentation", SegmentationGrounding).camera
+        self.lens = DashCameraParameters(fov=camera.fov, height=camera.height)
+        self.camera = DashCamera(self.world, self.lens)
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
-        self.truth = TruthPerception(self.world, self.camera.parameters, self.pipeline)
+        self._perceive = PERCEPTIONS[self.perception](kb, self.world, self.lens)
+        self.pipeline = self._perceive.pipeline
 
         self._observer = self._observer_of(observation, fusion)
         self.observation_space = self._observer.space
@@ -192,13 +192,14 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         """
         if self._ended:
             raise ResetNeeded("call reset() before step(): there is no episode to go on with")
-        speed, facts = self.ego.speed, self.scene.facts
+        speed, seen = self.ego.speed, self.scene.conclusions
         stretch = self._drive(_pedal(action))
         distances = self.corridor.distances(
             stretch.fronts, stretch.positions, self.people.velocities
         )
         distance = 0.0 if stretch.collided else float(distances.min())
-        outcome = self.pipeline.reward.evaluate(facts, v=speed, v_next=self.ego.speed, d=distance)
+        outcome = self.pipeline.reward.evaluate(seen, v=speed, v_next=self.ego.speed, d=distance)
+        self.outcome = outcome
         self._speeds.append(self.ego.speed)
         self.gap = float(distances[-1].min())
         self._distances.append(self.gap)
@@ -217,6 +218,11 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if self._ended:
             info |= self._ending(success, stretch.collided, truncated)
         return self._observer(self), outcome.reward, terminated, truncated, info
+
+    @property
+    def geometry(self) -> StreetGeometry:
+        """Where lanes, crosswalk and goal are."""
+        return self.world.geometry
 
     @property
     def frame(self) -> Frame:
@@ -244,7 +250,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if not isinstance(observation, str):
             return observation
         kind = _one_of("observation", observation, get_args(ObservationKind))
-        return observer_of(kind, self.camera.parameters.size, fusion)
+        return observer_of(kind, self.lens.size, fusion)
 
     def _populate(self, rng: Generator) -> Walkers:
         """Return the people of an episode; a street with other people overrides this."""
@@ -307,12 +313,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     def _look(self) -> None:
         """Perceive the scene as it is now, and show it where there is a window."""
         self._frame = None
-        if self.perception == "truth":
-            self.scene: Scene = self.truth.perceive(self.ego.position, self.people)
-        elif self.perception == "none":
-            self.scene = Scene((), self.pipeline.reward.facts())
-        else:
-            self.scene = self.pipeline.perceive([self.frame])[0]
+        self.scene: Scene = self._perceive(self)
         if self._window is not None:
             self._window.show(self._picture())
 
@@ -360,16 +361,6 @@ def _check_numbers(speed_limit: float, control_hz: int, max_seconds: float) -> N
 
 def _refused(name: str, value: float, suggestion: str) -> UsageError:
     return UsageError(f"{name} can't be {value}", name=name, suggestion=suggestion)
-
-
-def _segmenter(perception: Perception, kb: sfol.KnowledgeBase) -> Segmenter:
-    """Return what turns frames into segmentation maps."""
-    if perception != "unet":
-        return SimulatorSegmenter()
-    from env.perception.networks import load_segmenter  # noqa: PLC0415  (torch is slow to import)
-
-    grounding = kb.grounding_of("segmentation", SegmentationGrounding)
-    return load_segmenter(camera=grounding.camera)
 
 
 def _pedal(action: npt.NDArray[np.float32]) -> float:

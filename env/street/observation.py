@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from env.street.view import StreetView
 from env.world.actors import RUNNING_PACE
+from vsr.hypervectors.methods import Method
 
 if TYPE_CHECKING:
     from env.perception.description import Describer
-    from env.street.crossing import OccludedCrossing
     from vsr.hypervectors.codebook import Codebook
 
 Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
@@ -44,7 +45,7 @@ class Observer(Protocol):
         """What it returns lies in this space."""
         ...
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return what the policy is given now."""
         ...
 
@@ -55,7 +56,7 @@ class ImageObserver:
     def __init__(self, side: int) -> None:
         self.space = spaces.Box(0, 255, (side, side, 1), np.uint8)
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return the frame; this is where it is rendered if nobody needed it before."""
         return street.frame.gray[..., None]
 
@@ -75,9 +76,9 @@ class StateObserver:
     def __init__(self) -> None:
         self.space = spaces.Box(-1.0, 1.0, (len(STATE_FIELDS),), np.float32)
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return the state."""
-        ego, geometry = street.ego, street.world.geometry
+        ego, geometry = street.ego, street.geometry
         state = np.zeros(len(STATE_FIELDS), np.float32)
         state[0] = ego.speed / ego.parameters.top_speed
         state[1] = ego.force / ego.parameters.brake
@@ -112,7 +113,7 @@ class VsrObserver:
     ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
-        from vsr.hypervectors.fusion import Fusion, Method  # noqa: PLC0415
+        from vsr.hypervectors.fusion import Fusion  # noqa: PLC0415
 
         dimension = codebook.dimension if codebook else DIMENSION
         self.space = spaces.Box(-np.inf, np.inf, (dimension + speed,), np.float32)
@@ -121,7 +122,7 @@ class VsrObserver:
         self._speed = speed
         self._describer: Describer | None = None
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return the vector; this is where the networks are loaded if nobody needed them before."""
         if self._describer is None:
             self._describer = self._make_describer(street)
@@ -131,7 +132,7 @@ class VsrObserver:
         share = street.ego.speed / street.ego.parameters.top_speed
         return np.append(vector, np.float32(_SPEED_SCALE * share))
 
-    def _make_describer(self, street: OccludedCrossing) -> Describer:
+    def _make_describer(self, street: StreetView) -> Describer:
         from env.perception.description import Describer  # noqa: PLC0415
         from env.perception.networks import load_autoencoder  # noqa: PLC0415
 
@@ -153,7 +154,7 @@ class PrivilegedObserver:
         low, high = np.append(first.low, then.low), np.append(first.high, then.high)
         self.space = spaces.Box(low, high, dtype=np.float32)
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return both."""
         return np.append(cast(Any, self._observer(street)), cast(Any, self._state(street)))
 
@@ -175,7 +176,7 @@ class FrameObserver:
             }
         )
 
-    def __call__(self, street: OccludedCrossing) -> Observation:
+    def __call__(self, street: StreetView) -> Observation:
         """Return the frame; this is where it is rendered if nobody needed it before."""
         frame = street.frame
         gray = frame.gray[..., None]

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import sfol
 from env.driving.policies import file_hash, make_driver
-from env.driving.rollout import Transition, rollout
-from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage
+from env.driving.rollout import DrivenStep, rollout
+from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage, training_name
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.results import versions
 from env.study.study_results import (
@@ -20,7 +20,6 @@ from env.study.study_results import (
     StudyFolder,
     TrainingResult,
     Trajectory,
-    training_name,
 )
 from env.world.cells import Cell
 
@@ -217,9 +216,9 @@ def trajectory(drive: Drive, seed: int, command: str) -> Trajectory:
     try:
         driver = make_driver(drive.driver, trust=drive.trust)
         moments = []
-        for transition in rollout(street, driver, seed):
-            moments.append(_Moment.of(transition))
-        ending = transition.ending
+        for step in rollout(street, driver, seed):
+            moments.append(_Moment.of(step))
+        ending = step.ending
         crosswalk = street.world.geometry.crosswalk
     finally:
         street.close()
@@ -258,16 +257,16 @@ class _Moment(NamedTuple):
     weights: Mapping[str, float]
 
     @classmethod
-    def of(cls, transition: Transition) -> _Moment:
-        distance = transition.info["distance"]
+    def of(cls, step: DrivenStep) -> _Moment:
+        distance = step.info["distance"]
         return cls(
-            position=transition.position,
-            speed=transition.speed,
-            action=transition.action,
+            position=step.position,
+            speed=step.speed,
+            action=step.action,
             distance=distance if math.isfinite(distance) else None,
-            reward=transition.reward,
-            confidences=transition.parts("confidence_"),
-            weights=transition.parts("weight_"),
+            reward=step.outcome.reward,
+            confidences=step.outcome.confidences,
+            weights=step.outcome.weights,
         )
 
 

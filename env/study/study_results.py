@@ -166,8 +166,3 @@ class StudyFolder:
 
 def _read(path: Path, kind: type[Content]) -> Content | None:
     return read_json(path, kind) if path.exists() else None
-
-
-def training_name(setup: str, seed: int) -> str:
-    """Return the name of a setup trained with a seed."""
-    return f"{setup}-seed{seed}"

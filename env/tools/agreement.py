@@ -1,6 +1,6 @@
 """Do the two perceptions say the same? Truth against the simulator, frame by frame.
 
-`python -m env.tools.agreement` drives episodes of every cell with the simulator's perception, asks
+`aeb agreement` drives episodes of every cell with the simulator's perception, asks
 the truth about each frame, and prints for every predicate how often the two agree that it holds of
 any entity. `--frames FOLDER` keeps pictures of frames in which they do not.
 """
@@ -11,13 +11,10 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-import typer
 from PIL import Image, ImageDraw
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -26,11 +23,12 @@ from rich.table import Table
 
 from env import CELLS
 from env.driving.drivers import Cautious, Driver, FullThrottle
+from env.driving.rollout import rollout
 from env.perception.pipeline import Scene
 from env.street.crossing import OccludedCrossing
+from env.street.view import StreetView
 from env.world.actors import Ego, EgoParameters
-from sfol.cli import run
-from vsr.facts import Pinhole
+from vsr.segmentation import Frame
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
 # Where one perception misses thin shins, its distance is three rows of pixels off. So a claim about
@@ -127,37 +125,26 @@ def sights(
         for number in range(episodes):
             driver = drivers[number // len(CELLS) % len(drivers)]
             street = streets[number % len(CELLS)]
-            for step in _drive(street, driver, first_seed + number):
-                if step % every == 0:
-                    yield _sight(street, f"{first_seed + number}-{step}", reach)
+            steps = rollout(street, driver, first_seed + number, frames_every=every)
+            for index, step in enumerate(steps):
+                if step.frame is not None:
+                    name = f"{street.traffic}-{street.occlusion}-{first_seed + number}-{index}"
+                    yield _sight(street, step.frame, step.scene, name, reach)
     finally:
         for street in streets:
             street.close()
 
 
-def _drive(street: OccludedCrossing, driver: Driver, seed: int) -> Iterator[int]:
-    """Drive an episode and yield the number of each step before it is taken."""
-    street.reset(seed=seed)
-    driver.reset()
-    for step in count():
-        yield step
-        action = np.array([driver(street)], np.float32)
-        *_, terminated, truncated, _ = street.step(action)
-        if terminated or truncated:
-            return
-
-
-def _sight(street: OccludedCrossing, name: str, reach: float) -> Sight:
-    (shown,) = street.pipeline.perceive([street.frame])
-    simulator, truth = (
+def _sight(street: StreetView, frame: Frame, truth: Scene, name: str, reach: float) -> Sight:
+    (shown,) = street.pipeline.perceive([frame])
+    claimed = (
         (claims(scene, street, reach), claims(scene, street, reach + SLACK))
-        for scene in (shown, street.scene)
+        for scene in (shown, truth)
     )
-    name = f"{street.traffic}-{street.occlusion}-{name}"
-    return Sight(name, street.frame.gray, (shown, street.scene), simulator, truth)
+    return Sight(name, frame.gray, (shown, truth), *claimed)
 
 
-def claims(scene: Scene, street: OccludedCrossing, reach: float) -> frozenset[Claim]:
+def claims(scene: Scene, street: StreetView, reach: float) -> frozenset[Claim]:
     """Return what a scene claims of any entity of a class, those within reach.
 
     An entity's distance is that of its lowest visible row, for whichever perception.
@@ -167,12 +154,10 @@ def claims(scene: Scene, street: OccludedCrossing, reach: float) -> frozenset[Cl
         street: has the camera.
         reach: in m from the bumper.
     """
-    lens = street.camera.parameters
-    pinhole = Pinhole.of(street.pipeline.grounding.camera, (lens.size, lens.size))
     kinds = {
         entity.name: entity.kind.name.lower()
         for entity in scene.entities
-        if pinhole.distance(entity.bottom) - lens.setback <= reach
+        if street.lens.pinhole.distance(entity.bottom) - street.lens.setback <= reach
     }
     kinds[street.pipeline.kb.subject] = "ego"
     near = [atom for atom in scene.facts if all(name in kinds for name in atom.arguments)]
@@ -191,18 +176,18 @@ def compare(frames: Iterable[Sight]) -> dict[Claim, Agreement]:
     return {claim: Agreement(**counts[claim]) for claim in sorted(counts)}
 
 
-def main(
-    episodes: Annotated[int, typer.Option(min=1, help="Through all cells in turn.")] = 20,
-    reach: Annotated[float, typer.Option(help="Up to which distance entities count, in m.")] = (
-        USEFUL_RANGE
-    ),
-    seed: Annotated[int, typer.Option(help="Of the first episode.")] = 0,
-    every: Annotated[int, typer.Option(min=1, help="Compare every how many steps.")] = 1,
-    frames: Annotated[
-        Path | None, typer.Option(help="Folder for a frame of each kind of difference.")
-    ] = None,
+def print_agreement(
+    *, episodes: int, reach: float, seed: int, every: int, frames: Path | None
 ) -> None:
-    """Print how often truth and simulator agree on each predicate."""
+    """Print how often truth and simulator agree on each predicate.
+
+    Args:
+        episodes: how many are driven, through all cells in turn.
+        reach: up to which distance entities count, in m.
+        seed: of the first episode.
+        every: of how many steps one is compared.
+        frames: folder for a frame of each kind of difference; None for none.
+    """
     console = Console(highlight=False)
     driven = sights(episodes, reach, first_seed=seed, every=every)
     all_sights = list(track(driven, "driving …", console=console, total=None))
@@ -262,7 +247,3 @@ def _picture(frame: Sight) -> Image.Image:
 
 def _share(part: int, whole: int) -> float:
     return part / whole if whole else math.nan
-
-
-if __name__ == "__main__":
-    run(typer.run, function=main)

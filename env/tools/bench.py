@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from env.driving.drivers import Cautious
+from env.driving.rollout import rollout
 from env.driving.setup import load_setup
 from env.learning.vector_streets import make_streets
 from env.street.crossing import OccludedCrossing
@@ -112,10 +113,7 @@ def _worker_memory() -> int:
 
 
 def _drive_to(street: OccludedCrossing, position: float) -> None:
-    driver = Cautious()
-    street.reset(seed=0)
-    while street.ego.position < position:
-        street.step(np.array([driver(street)], np.float32))
+    next(step for step in rollout(street, Cautious(), seed=0) if step.info["position"] >= position)
 
 
 def _stages(street: OccludedCrossing) -> dict[str, Any]:

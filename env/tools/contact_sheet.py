@@ -1,23 +1,21 @@
 """A picture of the street: every cell at a few moments of one drive.
 
-Run as `python -m env.tools.contact_sheet docs/images/cells.png`.
+`aeb contact-sheet docs/images/cells.png` draws that of the documentation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
 
-import numpy as np
-import typer
 from PIL import Image, ImageDraw, ImageOps
 
 from env import CELLS
 from env.driving.drivers import Cautious
+from env.driving.rollout import rollout
 from env.street.crossing import OccludedCrossing
 from env.world.camera import third_person
-from sfol.cli import run
+from sfol.writing import replacing
 
 _MOMENTS = (5.0, 30.0, 44.0, 52.0)  # x of ego's front, in m
 _SIDE = 168  # px of a frame on the sheet
@@ -55,26 +53,21 @@ def _row(name: str, street: OccludedCrossing, seed: int) -> Image.Image:
 
 def _pictures(street: OccludedCrossing, seed: int) -> Iterator[Image.Image]:
     """Yield the frames at each moment of a cautious drive, and the last one from outside."""
-    driver = Cautious()
-    street.reset(seed=seed)
+    drive = rollout(street, Cautious(), seed)
     for moment in _MOMENTS:
-        while street.ego.position < moment:
-            street.step(np.array([driver(street)], np.float32))
+        next(step for step in drive if step.info["position"] >= moment)
         frame = Image.fromarray(street.frame.gray).convert("RGB")
         yield frame.resize((_SIDE, _SIDE), Image.Resampling.LANCZOS)
     outside = Image.fromarray(third_person(street.world, street.ego.position))
     yield ImageOps.fit(outside, (_SIDE * 4 // 3, _SIDE), Image.Resampling.LANCZOS)
 
 
-def main(
-    output: Annotated[Path, typer.Argument(help="The PNG file, which is replaced.")],
-    seed: Annotated[int, typer.Option(help="Of the episode in every cell.")] = 4,
-) -> None:
-    """Draw every cell at a few moments of a cautious drive."""
-    sheet = contact_sheet(seed)
-    sheet.quantize(_COLOURS).save(output, optimize=True)
-    print(output)
+def save_sheet(output: Path, seed: int) -> None:
+    """Draw every cell at a few moments of a cautious drive.
 
-
-if __name__ == "__main__":
-    run(typer.run, function=main)
+    Args:
+        output: the PNG file, which is replaced.
+        seed: of the episode in every cell.
+    """
+    with replacing(output) as part:
+        contact_sheet(seed).quantize(_COLOURS).save(part, format="png", optimize=True)

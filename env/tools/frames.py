@@ -1,7 +1,7 @@
 """Renders sets of frames of the street, to train and to test networks on.
 
-Run as ``python -m env.tools.frames``. The streets of the three sets are disjoint: a set's streets
-are numbered from its first seed on (`FIRST_SEEDS`), and a street's seed decides everything in it.
+`aeb frames` does it. The streets of the three sets are disjoint: a set's streets
+are numbered from its first seed on (`env.street.seeds`), and a seed decides everything in a street.
 """
 
 from __future__ import annotations
@@ -10,20 +10,19 @@ import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-import typer
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
+from env.street.seeds import FRAMES
 from env.world.actors import Ego
 from env.world.camera import DashCameraParameters
 from env.world.cells import CELLS, Cell
-from sfol.cli import run
 from sfol.errors import UsageError
 from sfol.writing import replacing
 from vsr.segmentation import Frame
@@ -31,12 +30,6 @@ from vsr.training.frames import CARD, read_shard, write_shard
 
 Split = Literal["train", "validation", "test"]
 
-# The streets of episodes that policies are trained and judged on have seeds below these.
-FIRST_SEEDS: dict[Split, int] = {
-    "train": 10_000_000,
-    "validation": 20_000_000,
-    "test": 30_000_000,
-}
 FRAMES_PER_STREET = 10
 STREETS_PER_FILE = 6 * len(CELLS)
 
@@ -45,39 +38,23 @@ _LAST_START = 86.0  # m; farther on, nothing but the goal is ahead
 _LONGEST_WAIT = 24.0  # s, in which people spread over the street before ego comes
 
 
-app = typer.Typer(
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) -> None:
+    """Render a set of frames, or go on with one that was stopped.
 
+    Args:
+        split: ``train``, ``validation`` or ``test``: streets of their own.
+        output: folder for the frames.
+        frames: how many, rounded up to whole streets.
+        pairs: whether each is followed by the frame one control step later.
 
-def main() -> None:
-    """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    run(app, prog_name="python -m env.tools.frames")
-
-
-@app.command()
-def render(
-    split: Annotated[str, typer.Argument(help="train, validation or test: streets of their own.")],
-    output: Annotated[Path, typer.Option(help="Folder for the frames.")],
-    frames: Annotated[int, typer.Option(help="How many, rounded up to whole streets.")] = 600,
-    pairs: Annotated[
-        bool, typer.Option(help="Also the frame one control step (0.1 s) after each.")
-    ] = False,
-) -> None:
-    """Render frames of many different streets, of all traffic levels and both occlusions.
-
-    Ego drives at changing speeds from random places; frames of one street are half a second to a
-    second apart. A render that was stopped goes on where it was. A frame takes about 25 ms.
-
-    Example: `python -m env.tools.frames train --frames 8000 --output runs/frames/train`
+    Raises:
+        UsageError: there is no such split, or the folder holds other frames.
     """
     chosen = _split(split)
-    count, first = math.ceil(frames / FRAMES_PER_STREET), FIRST_SEEDS[chosen]
+    count, first = math.ceil(frames / FRAMES_PER_STREET), FRAMES[chosen].start
     seeds = range(first, first + count)
     with _Streets() as streets:
-        card = _card(streets.of(first).camera.parameters, chosen, seeds, pairs)
+        card = _card(streets.of(first).lens, chosen, seeds, pairs)
         _write_card(output / CARD, card)
         with _progress() as progress:
             task = progress.add_task(f"{chosen} streets", total=count)
@@ -214,7 +191,7 @@ def _card(lens: DashCameraParameters, split: Split, seeds: range, pairs: bool) -
         "camera": {"size": lens.size, "fov": lens.fov, "height": lens.height},
         "seeds": [seeds.start, seeds[-1]],
         "frames_per_street": FRAMES_PER_STREET * (2 if pairs else 1),
-        "command": f"python -m env.tools.frames {split} {frames}",
+        "command": f"aeb frames {split} {frames}",
     }
 
 
@@ -262,7 +239,3 @@ def _progress() -> Progress:
     return Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     )
-
-
-if __name__ == "__main__":
-    main()

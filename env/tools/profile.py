@@ -1,6 +1,6 @@
 """Where the time of a training goes: a flame graph, and processor time by stage.
 
-Run as `python -m env.tools.profile`.
+`aeb profile` does it.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from env.driving.setup import load_setup
-from sfol.cli import run
-from sfol.errors import MissingExtraError
+from sfol.errors import missing_extra
 from sfol.writing import replacing
 
 _STEPS = 512  # of all streets, for one update; three updates are recorded
@@ -30,12 +27,12 @@ _RATE = 50  # samples a second; at 200, sampling took half a processor itself
 
 # Function and file of each stage; a sample belongs to the innermost one that it is in.
 _STAGES: Mapping[str, tuple[str, str]] = {
-    "camera": ("capture", "env/camera.py"),
-    "people and physics": ("_drive", "env/crossing.py"),
-    "reset of a street": ("reset", "env/crossing.py"),
-    "perception": ("perceive", "env/pipeline.py"),
-    "encoder": ("encode", "vsr/autoencoder.py"),
-    "descriptor": ("__call__", "env/description.py"),
+    "camera": ("capture", "world/camera.py"),
+    "people and physics": ("_drive", "street/crossing.py"),
+    "reset of a street": ("reset", "street/crossing.py"),
+    "perception": ("perceive", "perception/pipeline.py"),
+    "encoder": ("encode", "networks/autoencoder.py"),
+    "descriptor": ("__call__", "perception/description.py"),
     "reward": ("evaluate", "sfol/reward.py"),
     "policy": ("forward", "stable_baselines3/common/policies.py"),
     "update of PPO": ("train", "stable_baselines3/ppo/ppo.py"),
@@ -43,26 +40,20 @@ _STAGES: Mapping[str, tuple[str, str]] = {
 _OTHER = "all else: transport between processes, bookkeeping"
 _FRAME = re.compile(r"(?P<function>.+) \((?P<file>.+):\d+\)")
 
-app = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
-
-@app.callback(invoke_without_command=True)
-def record(
-    context: typer.Context,
-    output: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/profile"),
-    perception: Annotated[str, typer.Option(help="simulator or unet.")] = "simulator",
-) -> None:
+def record(output: Path, perception: str) -> None:
     """Sample three updates of the main setup, workers included, by py-spy.
 
     Writes flame.svg, to be opened in a browser, and stages.json, which is printed as a table: the
     milliseconds of processor time that each stage costs for one step of one street.
+
+    Args:
+        output: folder for the results.
+        perception: ``simulator`` or ``unet``.
+
+    Raises:
+        MissingExtraError: py-spy is not installed.
     """
-    if context.invoked_subcommand:
-        return
     output.mkdir(parents=True, exist_ok=True)
     stacks = output / "stacks.txt"
     flame = output / "flame.svg"
@@ -77,7 +68,6 @@ def record(
     Console(highlight=False).print(_table(stages))
 
 
-@app.command(hidden=True)
 def train(perception: str) -> None:
     """Train for the updates that are sampled."""
     from env.learning.new_model import untrained_model  # noqa: PLC0415  (slow to import)
@@ -139,16 +129,12 @@ def _name(frame: Mapping[str, str]) -> str:
 def _sample(kind: str, file: Path, perception: str) -> None:
     spy = shutil.which("py-spy", path=str(Path(sys.executable).parent)) or shutil.which("py-spy")
     if spy is None:
-        raise MissingExtraError(
-            "a profile needs py-spy, which is not installed",
-            name="py-spy",
-            suggestion="pip install py-spy",
-        )
+        raise missing_extra("py-spy", "a profile needs it")
     subprocess.run(
         [
             *(spy, "record", "--subprocesses", "--rate", str(_RATE), "--format", kind),
             *("--output", str(file), "--"),
-            *(sys.executable, "-m", "env.tools.profile", "train", perception),
+            *(sys.executable, "-m", "env.tools.profile", perception),
         ],
         check=True,
     )
@@ -167,5 +153,5 @@ def _table(stages: Mapping[str, float]) -> Table:
     return table
 
 
-if __name__ == "__main__":
-    run(app, prog_name="python -m env.tools.profile")
+if __name__ == "__main__":  # what py-spy samples
+    train(sys.argv[1])

@@ -17,6 +17,7 @@ from env.world.world import PERSON_RADIUS, StreetGeometry
 Array = npt.NDArray[np.float64]
 Behaviour = Literal["briefly_visible", "hidden"]
 
+PHYSICS_HZ = 100  # instants a second at which everybody moves
 RUNNING_PACE = 6 / 3.6  # m/s (paper: 6 km/h)
 
 
@@ -94,7 +95,7 @@ class TrafficLevel:
     """How many pedestrians there are (paper, section "Occluded Pedestrian Crossing Scenario").
 
     Attributes:
-        people: all of them, the special one included.
+        people: all of them, the target pedestrian included.
         running: share of them that runs at 6 km/h.
         crossing: share of them that crosses the road unexpectedly.
         orderly: how many others use the crosswalk.
@@ -139,13 +140,13 @@ class Manners:
 # if ego can stop by braking well below its limit of 8 m/s².
 AT_KERB = Manners(reaction=1.2, braking=3.5, margin=2.5)
 BESIDE_LANE = Manners(reaction=0.4, braking=6.0, margin=0.8)
-# The special one grants time, not distance, drawn for each episode. Whoever passes what hides it at
-# 10 km/h can stop even so; whoever comes at 40 and reacts only to what shows can't always.
+# The target pedestrian grants time, not distance, drawn for each episode. Whoever passes what hides
+# it at 10 km/h can stop even so; whoever comes at 40 and reacts only to what shows can't always.
 RASH_REACTION = (0.2, 0.8)  # s
 
 _KERB_STAND = 0.35  # m from the kerb, where people wait
 _CLEARANCE = 0.5  # m between ego and a person who waits beside its way
-_EAGERNESS = (1.2, 2.4)  # m by which the special one steps out sooner than it must
+_EAGERNESS = (1.2, 2.4)  # m by which the target steps out sooner than it must
 _STRIDE = 1.35  # m, of both legs together
 _TURNING = 6.0  # rad/s
 _LATEST_CROSSING = 24.0  # s after the start; later the street is calm
@@ -272,15 +273,15 @@ class Walkers:
 
 
 class Pedestrians(Walkers):
-    """All people of an episode. The one at index 0 is the special one, who crosses before ego.
+    """All people of an episode; at index 0 the target pedestrian, who crosses before ego.
 
     Everyone walks along a sidewalk; some turn to the road at a line of their own and cross it.
     They wait at the kerb, and once more beside ego's lane, until they trust ego to be able to
-    stop; then they go, relying on ego to brake. The special one also waits for ego to come near.
+    stop; then they go, relying on ego to brake. The target also waits for ego to come near.
 
     Args:
         level: how many, and what they do.
-        behaviour: what the special one does before it crosses; None where nobody is special.
+        behaviour: what the target does before it crosses; None where there is no target.
         rng: source of chance; used only here, so that an episode is decided at its start.
         street: where things are.
         corridor: the strip of road that ego sweeps.
@@ -308,7 +309,7 @@ class Pedestrians(Walkers):
         self._near_tracks, self._far_tracks = street.near_kerb - depths, street.far_kerb + depths
         # The x where a person turns to the road; nan for those who never cross.
         self._lines = np.full(count, np.nan)
-        self._special = BESIDE_LANE
+        self._target_manners = BESIDE_LANE
         self._eagerness = 0.0
         self.positions = np.zeros((count, 2))
         self.positions[:, 0] = rng.uniform(4.0, street.length + 4.0, count)
@@ -316,7 +317,7 @@ class Pedestrians(Walkers):
         self._schedule_crossings(others[:crossing], others[crossing:][: level.orderly], rng)
         self.positions[:, 1] = self._tracks(self._sides)
         if behaviour is not None:
-            self._place_special(behaviour, rng)
+            self._place_target(behaviour, rng)
         super().__init__(self.positions, np.zeros((count, 2)))
         self.headings = np.where(self._directions > 0, 0.0, np.pi)
         self.phases = rng.uniform(0.0, 2 * np.pi, count)
@@ -353,15 +354,15 @@ class Pedestrians(Walkers):
         self._directions[chosen] = np.where(off_street, -directions, directions)
         self.positions[chosen, 0] = lines - self._directions[chosen] * walk
 
-    def _place_special(self, behaviour: Behaviour, rng: Generator) -> None:
+    def _place_target(self, behaviour: Behaviour, rng: Generator) -> None:
         street = self._street
         line = rng.uniform(street.crosswalk[0] + 1.2, street.crosswalk[1] - 0.8)
         approach, depth = rng.uniform(2.5, 4.0), rng.uniform(1.0, 1.5)
         self._paces[0] = rng.uniform(1.2, 1.5)
         self._sides[0], self._directions[0], self._lines[0] = -1.0, 1.0, line
-        # How much farther away than it needs to stop ego may be when the special one steps out.
+        # How much farther away than it needs to stop ego may be when the target steps out.
         reaction = rng.uniform(*RASH_REACTION)
-        self._special = replace(BESIDE_LANE, reaction=reaction, braking=np.inf)
+        self._target_manners = replace(BESIDE_LANE, reaction=reaction, braking=np.inf)
         self._eagerness = rng.uniform(*_EAGERNESS)
         if behaviour == "briefly_visible":
             self.positions[0] = line - approach, street.near_kerb - depth
@@ -404,7 +405,7 @@ class Pedestrians(Walkers):
         """Tell whether ego is as far away, in m, as one wants who steps off the kerb."""
         if person != 0:
             return gap >= AT_KERB.stopping_distance(ego.speed)
-        # The special one acts on the distance that ego will have when it reaches ego's lane.
+        # The target acts on the distance that ego will have when it reaches ego's lane.
         stroll = ego.speed * to_lane / float(self._paces[0])
         nearest = self._room_beside_lane(0, ego.speed) + stroll
         yields = ego.speed < _YIELDING
@@ -413,7 +414,7 @@ class Pedestrians(Walkers):
 
     def _room_beside_lane(self, person: int, speed: float) -> float:
         """Return how near ego may be, in m, for one to step before it from beside its lane."""
-        manners = BESIDE_LANE if person != 0 else self._special
+        manners = BESIDE_LANE if person != 0 else self._target_manners
         return manners.stopping_distance(speed)
 
     def _tracks(self, sides: Array) -> Array:

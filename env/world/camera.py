@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +10,8 @@ import numpy.typing as npt
 import pybullet
 
 from env.world.world import Picture, World
+from vsr.facts import Pinhole
+from vsr.grounding import Camera
 from vsr.segmentation import Frame
 
 
@@ -34,10 +35,10 @@ class DashCameraParameters:
     near: float = 0.3
     far: float = 320.0
 
-    @property
-    def focal_length(self) -> float:
-        """Focal length, in px."""
-        return self.size / 2 / math.tan(math.radians(self.fov) / 2)
+    @cached_property
+    def pinhole(self) -> Pinhole:
+        """The camera's geometry."""
+        return Pinhole.of(Camera(fov=self.fov, height=self.height), (self.size, self.size))
 
 
 class DashCamera:

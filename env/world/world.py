@@ -15,16 +15,14 @@ from PIL import Image
 
 from env.world import meshes, textures
 from env.world.meshes import Figure, Mesh, VehicleSize
-from sfol.errors import MissingExtraError, UsageError
+from sfol.errors import UsageError, missing_extra
 from vsr.classes import SemanticClass
 
 try:
     import pybullet
 except ImportError as error:
-    raise MissingExtraError(
-        "the bundled street needs pybullet",
-        name="pybullet",
-        suggestion="python -m pip install 'sfol[aeb]' on Python 3.11",
+    raise missing_extra(
+        "pybullet", "the bundled street needs it", extra="aeb", python="3.11"
     ) from error
 
 Array = npt.NDArray[np.float64]

@@ -14,10 +14,12 @@ from sfol.cli.inputs import LogFile, Sources, files
 from sfol.cli.output import escaped, note_unknown, stdout
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import read_log
-from sfol.tools.lint import DOMINANT, ENDINGS, Finding, lint_episodes, located
+from sfol.tools.lint import DOMINANT, Finding, lint_episodes, located
 from sfol.tools.lint import lint as findings_of
 from sfol.tools.replay import replay
 
+# Of the logs that the bundled street writes; other environments name their own with --endings.
+_ENDINGS = ("collision", "timeout", "success")
 _COLOURS = {"warning": "yellow", "info": "cyan"}
 
 
@@ -27,7 +29,7 @@ def lint(
     log: LogFile = None,
     endings: Annotated[
         str, typer.Option(help="How episodes of the log end, from the worst to the best.")
-    ] = " < ".join(ENDINGS),
+    ] = " < ".join(_ENDINGS),
     dominant: Annotated[
         float, typer.Option(min=0, max=1, help="Share of all reward that is too much for a term.")
     ] = DOMINANT,

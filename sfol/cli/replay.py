@@ -16,7 +16,7 @@ from sfol.cli.output import escaped, note, note_unknown, stdout
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, LoggedStep, read_log
-from sfol.reward import Outcome
+from sfol.outcome import Outcome
 from sfol.tools.plotting import MOST_EPISODES, plot
 from sfol.tools.replay import ReplayedEpisode
 from sfol.tools.replay import replay as replayed

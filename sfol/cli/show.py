@@ -10,7 +10,8 @@ from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
 from sfol.cli.output import stdout
 from sfol.knowledge_base import KnowledgeBase
-from sfol.knowledge_base.printing import summary_table, to_yaml
+from sfol.knowledge_base.printing import to_yaml
+from sfol.knowledge_base.tables_view import summary_table
 
 
 @app.command()

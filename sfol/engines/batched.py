@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sfol import arrays
 from sfol.arrays import Array, Backend
 from sfol.engines.batch import Batch, Groundings, Stratum
 from sfol.knowledge_base import Semantics
@@ -37,7 +36,7 @@ def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
 
     Args:
         batch: B scenes.
-        backend: numpy's or torch's.
+        backend: the library of arrays to compute with.
 
     Returns:
         Unary head → its bounds in the B scenes.
@@ -104,8 +103,9 @@ class _Evaluation:
         atoms = self._at(rows)
         if not rule.rule.clause.body.literals[index].negated:
             return atoms
-        lower = arrays.where(atoms.known, 1.0 - atoms.upper, 1.0)
-        return Bounds(lower, arrays.where(atoms.known, 1.0 - atoms.lower, 1.0), atoms.known)
+        where = self._backend.where
+        lower = where(atoms.known, 1.0 - atoms.upper, 1.0)
+        return Bounds(lower, where(atoms.known, 1.0 - atoms.lower, 1.0), atoms.known)
 
     def _holds(self, rule: Groundings, index: int) -> Array:
         """Tell under which substitutions a literal holds."""
@@ -124,8 +124,9 @@ class _Evaluation:
         return satisfies
 
     def _pooled(self, rule: Groundings, heads: int) -> Bounds:
-        """Average over each literal's distinct atoms, all together."""
-        backend = self._backend
+        """Combine each literal's distinct atoms, all together."""
+        backend, pool = self._backend, self._conjunction.pooled
+        assert pool is not None  # a checked knowledge base pools only where that is defined
         satisfies = self._satisfying(rule)
         lower = upper = count = backend.full(heads, 0.0)
         for index, pairs in enumerate(rule.pairs):
@@ -135,8 +136,8 @@ class _Evaluation:
             lower = lower + backend.sum_of(bounds.lower, groups, heads)
             upper = upper + backend.sum_of(bounds.upper, groups, heads)
             count = count + backend.count_of(groups, heads)
-        atoms = arrays.maximum(count, 1.0)
-        return Bounds(lower / atoms, upper / atoms, count > 0.0)
+        atoms = backend.maximum(count, 1.0)
+        return Bounds(pool(lower, atoms), pool(upper, atoms), count > 0.0)
 
     def _best(self, rule: Groundings, heads: int) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
@@ -153,7 +154,7 @@ class _Evaluation:
             self._conjunction.elementwise([bounds.upper for bounds in literals]),
         )
         lower, upper = (
-            arrays.where(known, backend.largest_of(end, groups, heads), 0.0) for end in ends
+            backend.where(known, backend.largest_of(end, groups, heads), 0.0) for end in ends
         )
         return Bounds(lower, upper, known)
 
@@ -162,9 +163,9 @@ class _Evaluation:
         known = disjuncts[0].known
         for other in disjuncts[1:]:
             known = known | other.known
-        combine = self._disjunction.elementwise
+        combine, where = self._disjunction.elementwise, self._backend.where
         return Bounds(
-            combine([arrays.where(d.known, d.lower, 0.0) for d in disjuncts]),
-            combine([arrays.where(d.known, d.upper, 0.0) for d in disjuncts]),
+            combine([where(d.known, d.lower, 0.0) for d in disjuncts]),
+            combine([where(d.known, d.upper, 0.0) for d in disjuncts]),
             known,
         )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.matching import Search
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
@@ -14,20 +14,6 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
 from sfol.syntax import Atom
-
-
-@dataclass(frozen=True)
-class Conclusions:
-    """What follows from some facts.
-
-    Attributes:
-        tables: facts, background, and the conclusions that concern the subject or that some body
-            reads.
-        derived: the atoms that some rule concluded, with their final bounds.
-    """
-
-    tables: Tables
-    derived: Mapping[Atom, Bound]
 
 
 class CompiledEngine:
@@ -67,7 +53,8 @@ class CompiledEngine:
             for atom, bound in conclude(tables):
                 derived[atom] = bound
                 tables.put(atom, bound)
-        return Conclusions(tables, _Derived(derived, lambda: self._others(tables)))
+        everything = _Derived(derived, lambda: self._others(tables))
+        return Conclusions(tables, everything, self.program)
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from sfol.engines.compiled import CompiledEngine, Conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
 from sfol.engines.tables import Constants, Tables

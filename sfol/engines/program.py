@@ -45,8 +45,6 @@ class Program:
         rules = list(kb.rules.values())
         heads = kb.heads
         order = TopologicalSorter(dependencies(rules)).static_order()
-        bodies = [rule.clause.body for rule in rules] + [c.when for c in kb.entity_weights]
-        read = {literal.atom.predicate for body in bodies for literal in body.literals}
         return cls(
             knowledge_base=kb,
             strata=tuple(name for name in order if name in heads),
@@ -59,7 +57,7 @@ class Program:
                 for head in heads
             },
             subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
-            read_heads=frozenset(read.intersection(heads)),
+            read_heads=kb.read.intersection(heads),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
         )
 

@@ -26,12 +26,13 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from sfol.engines.compiled import CompiledEngine, Conclusions
+from sfol.engines.compiled import CompiledEngine
+from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
+from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
 from sfol.engines.tables import Constants, Tables
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
@@ -45,89 +46,6 @@ _DIFFERENT = "are.different"
 _RESERVED = "forall"
 
 Rows = Mapping[Constants, Bound]
-
-
-class QueryClause(NamedTuple):
-    """One clause in the body of a query.
-
-    Attributes:
-        predicate: as PyReason knows it.
-        terms: variables and constants, one or two.
-        threshold: the least lower bound.
-        counts: whether its bounds take part in the conjunction.
-    """
-
-    predicate: str
-    terms: Constants
-    threshold: float
-    counts: bool = True
-
-    def __str__(self) -> str:
-        return f"{self.predicate}({','.join(self.terms)}):[{self.threshold!r},1]"
-
-
-class Query(NamedTuple):
-    """One PyReason rule.
-
-    Attributes:
-        rule: the name of the knowledge base's rule that it is, or is a part of.
-        head: with a predicate of its own.
-        body: clauses of one term first, so that PyReason has no reason to reorder them.
-        conjunction: the name of the annotation function.
-    """
-
-    rule: str
-    head: Atom
-    body: tuple[QueryClause, ...]
-    conjunction: str
-
-    @property
-    def name(self) -> str:
-        """What PyReason calls it in its trace."""
-        return f"{self.rule}: {self.head}"
-
-    @property
-    def predicate(self) -> str:
-        """The predicate of the knowledge base that it concludes."""
-        return self.head.predicate.partition(".")[0]
-
-    def __str__(self) -> str:
-        return f"{self.head} : {self.conjunction} <- {', '.join(map(str, self.body))}"
-
-
-@dataclass(frozen=True)
-class Script:
-    """A PyReason program: a graph by its nodes and facts, and rules.
-
-    Attributes:
-        nodes: every constant.
-        facts: what is known, complements of negated predicates among it.
-        queries: the rules.
-    """
-
-    nodes: tuple[str, ...]
-    facts: Mapping[Atom, Bound]
-    queries: tuple[Query, ...]
-
-
-class TraceRow(NamedTuple):
-    """One derivation in PyReason's own trace.
-
-    Attributes:
-        rule: the rule's name.
-        head: what it concluded.
-        bound: with which bound; PyReason leaves out a conclusion of [0, 1].
-        clauses: for each clause of its body, the atoms that satisfied it.
-    """
-
-    rule: str
-    head: Atom
-    bound: Bound
-    clauses: tuple[tuple[str, tuple[Atom, ...]], ...]
-
-    def __str__(self) -> str:
-        atoms = "; ".join(", ".join(map(str, found)) for _, found in self.clauses)
-        return f"{self.rule}: {self.head} {self.bound} from {atoms}"
 
 
 class PyReasonEngine:
@@ -209,7 +127,7 @@ class PyReasonEngine:
             derived |= conclusions
             for atom, bound in conclusions.items():
                 tables.put(atom, bound)
-        return Conclusions(tables, derived)
+        return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
         scene = _Scene(self._kb, tables)
@@ -314,30 +232,6 @@ class _Scene:
             arguments: negation(rows[arguments]) if arguments in rows else TRUE
             for arguments in itertools.product(self.domain, repeat=arity)
         }
-
-
-def joined(
-    relations: Sequence[tuple[Sequence[str], Iterable[Constants]]],
-    values: Mapping[str, str] | None = None,
-) -> Iterator[dict[str, str]]:
-    """Yield every way to give names values such that each relation has a row of them.
-
-    Args:
-        relations: the names of each relation's columns, and its rows.
-        values: names that have a value already.
-    """
-    values = dict(values or {})
-    if not relations:
-        yield values
-        return
-    (names, rows), *others = relations
-    for row in rows:
-        more = dict(zip(names, row, strict=True))
-        # The second condition is for a name that stands twice.
-        if all(values.get(name, value) == value for name, value in more.items()) and (
-            tuple(more[name] for name in names) == tuple(row)
-        ):
-            yield from joined(others, {**values, **more})
 
 
 def _query_body(rule: Rule) -> list[QueryClause]:
@@ -459,7 +353,7 @@ def _levels(program: Program) -> list[list[Rule]]:
     levels: dict[int, list[Rule]] = {}
     for head in program.strata:
         rules = [rule for rule, _ in program.rules[head]]
-        read = {lit.atom.predicate for rule in rules for lit in rule.clause.body.literals}
+        read = {name for rule in rules for name in rule.clause.body.predicates}
         depths[head] = 1 + max((depths.get(name, 0) for name in read), default=0)
         levels.setdefault(depths[head], []).extend(rules)
     return [levels[depth] for depth in sorted(levels)]

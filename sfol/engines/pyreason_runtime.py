@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from sfol.engines.pyreason import Query, QueryClause, Script, TraceRow, joined
-from sfol.errors import MissingExtraError, UsageError
+from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
+from sfol.errors import UsageError, missing_extra
 from sfol.facts import Bound
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom
@@ -66,10 +66,8 @@ def _import_pyreason() -> ModuleType:
             module = importlib.import_module("pyreason")
             _cache_containers()
         except ImportError as error:
-            raise MissingExtraError(
-                "the engine 'pyreason' needs PyReason",
-                name="pyreason",
-                suggestion="python -m pip install 'sfol[pyreason]'",
+            raise missing_extra(
+                "pyreason", "the engine 'pyreason' needs it", extra="pyreason"
             ) from error
         except (OSError, RuntimeError) as error:
             raise UsageError(
@@ -181,7 +179,8 @@ def _with_identity(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-# Always these, in this order: any other choice is another signature. They must not all take the
+# Always these, in this order: any other choice is another signature. What pools stands here by its
+# name, since the cache on disk finds it by that. They must not all take the
 # same number of arguments, or numba takes them for one type after the first call.
 _FUNCTIONS = tuple(map(_with_identity, [average, *map(_best_by, CONJUNCTIONS)]))
 

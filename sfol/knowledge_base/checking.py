@@ -34,6 +34,7 @@ from sfol.knowledge_base.parts import (
     Rule,
     dependencies,
 )
+from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
     Body,
@@ -213,7 +214,10 @@ class _Checker:
         # when its atoms are checked.
         heads = {
             rule.clause.head.predicate: Predicate(
-                rule.clause.head.predicate, rule.clause.head.arguments, rule.description
+                rule.clause.head.predicate,
+                rule.clause.head.arguments,
+                rule.description,
+                declared=False,
             )
             for rule in reversed(list(rules.values()))
         }
@@ -290,7 +294,7 @@ class _Checker:
         """A head that nobody declared and nobody reads is most likely misspelt."""
         bodies = [rule.clause.body for rule in rules.values()]
         bodies += [condition.when for condition in conditions]
-        used = {literal.atom.predicate for body in bodies for literal in body.literals}
+        used = {name for body in bodies for name in body.predicates}
         used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
         for name, rule in rules.items():
             head = rule.clause.head.predicate
@@ -314,10 +318,11 @@ class _Checker:
 
     def _check_semantics(self) -> None:
         semantics = self._file.semantics
-        if semantics.groundings == "pooled" and semantics.conjunction != "average":
+        pooling = " and ".join(f"'{name}'" for name, c in CONJUNCTIONS.items() if c.pooled)
+        if semantics.pools and CONJUNCTIONS[semantics.conjunction].pooled is None:
             self._report(
                 ("semantics", "groundings"),
-                f"'pooled' is defined for the average, not for '{semantics.conjunction}'",
+                f"'pooled' is defined for {pooling}, not for '{semantics.conjunction}'",
                 "pooled",
                 "write groundings: best",
             )

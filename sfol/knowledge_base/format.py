@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    GetCoreSchemaHandler,
+)
+from pydantic_core import CoreSchema, core_schema
 
 from sfol.facts import DEFAULT_MARGIN
+from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
 
 FORMAT_VERSION = 1
 
@@ -15,6 +26,18 @@ class _Section(BaseModel):
     # Strict: a typo is an error, and the text "0.5" is not a number.
     # Deferred: the validators are built when a file is first loaded, not at import.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
+
+
+@dataclass(frozen=True)
+class _OneOf:
+    """The names in a table, as `Literal` has names that are known beforehand."""
+
+    names: Iterable[str]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.literal_schema([*self.names])
 
 
 class RuleEntry(_Section):
@@ -33,7 +56,7 @@ class RuleEntry(_Section):
 class Semantics(_Section):
     """Which operators give rules their meaning."""
 
-    conjunction: Literal["average", "minimum", "product", "lukasiewicz"] = Field(
+    conjunction: Annotated[str, _OneOf(CONJUNCTIONS)] = Field(
         "average", description="Combines the bounds of a body's literals."
     )
     groundings: Literal["pooled", "best"] | None = Field(
@@ -41,21 +64,19 @@ class Semantics(_Section):
         description="Several substitutions for one head: `pooled` averages over their distinct "
         "atoms (default for average, and defined for it only), `best` takes the best one.",
     )
-    disjunction: Literal["maximum", "probabilistic_sum"] = Field(
+    disjunction: Annotated[str, _OneOf(DISJUNCTIONS)] = Field(
         "maximum", description="Combines several rules with one head."
     )
-    confidence: Literal["midpoint", "lower", "upper"] = Field(
+    confidence: Annotated[str, _OneOf(CONFIDENCES)] = Field(
         "midpoint", description="The confidence of a head from its bound."
     )
 
     @property
     def pools(self) -> bool:
         """Whether substitutions are pooled; the default depends on the conjunction."""
-        return (self.groundings or self._default_groundings) == "pooled"
-
-    @property
-    def _default_groundings(self) -> str:
-        return "pooled" if self.conjunction == "average" else "best"
+        if self.groundings is None:
+            return CONJUNCTIONS[self.conjunction].pooled is not None
+        return self.groundings == "pooled"
 
 
 class Signal(_Section):

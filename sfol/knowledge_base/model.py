@@ -30,7 +30,7 @@ class KnowledgeBase(Parts):
         description: from the file.
         subject: the entity whose heads make the reward.
         background: ground atoms that always hold with [1, 1].
-        predicates: by name; heads that rules introduce are among them.
+        predicates: by name; heads that only rules introduce are among them.
         rules: by name, in the order of the file.
         semantics: the operators.
         signals: by name.
@@ -76,6 +76,23 @@ class KnowledgeBase(Parts):
     def heads(self) -> tuple[str, ...]:
         """The predicates that rules conclude, each once, in the order of the rules."""
         return tuple(dict.fromkeys(rule.clause.head.predicate for rule in self.rules.values()))
+
+    @property
+    def declared(self) -> dict[str, Predicate]:
+        """The predicates that are declared, by name."""
+        return {name: p for name, p in self.predicates.items() if p.declared}
+
+    @property
+    def weighed(self) -> frozenset[str]:
+        """The heads that some weight names."""
+        return frozenset(head for w in self.weights.values() for head in w.coefficients)
+
+    @property
+    def read(self) -> frozenset[str]:
+        """The predicates that some rule or condition reads."""
+        bodies = [rule.clause.body for rule in self.rules.values()]
+        bodies += [condition.when for condition in self.entity_weights]
+        return frozenset().union(*(body.predicates for body in bodies))
 
     @property
     def hash(self) -> str:

@@ -12,17 +12,20 @@ from sfol.syntax import Atom, Body, Clause
 
 @dataclass(frozen=True)
 class Predicate:
-    """A declared predicate.
+    """A predicate of a knowledge base.
 
     Attributes:
         name: such as ``CenterOf``.
         parameters: one or two variables, such as ``("X", "Y")``.
-        description: what an atom of it says; empty for heads that only rules introduce.
+        description: what an atom of it says.
+        declared: whether the file declares it; otherwise it is written like the head of its first
+            rule and described like that rule.
     """
 
     name: str
     parameters: tuple[str, ...]
     description: str = ""
+    declared: bool = True
 
     @property
     def arity(self) -> int:
@@ -104,6 +107,5 @@ def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
     """Return for every head the predicates that its rules' bodies read."""
     graph: dict[str, set[str]] = {}
     for rule in rules:
-        body = {literal.atom.predicate for literal in rule.clause.body.literals}
-        graph.setdefault(rule.clause.head.predicate, set()).update(body)
+        graph.setdefault(rule.clause.head.predicate, set()).update(rule.clause.body.predicates)
     return graph

@@ -1,4 +1,4 @@
-"""Knowledge bases as text: as a file that can be loaded again, and as tables for people."""
+"""A knowledge base as one file that can be loaded again."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from typing import Any
 
 import yaml
 from pydantic import BaseModel
-from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
 
 from sfol.knowledge_base.format import FORMAT_VERSION, Case
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import Rule
-from sfol.knowledge_base.vocabulary import declared
+from sfol.knowledge_base.parts import Predicate, Rule
 
 _HEAD = ("version", "name", "description", "subject", "background")
 _WIDTH = 100
@@ -44,7 +40,7 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "subject": kb.subject,
         "background": [str(atom) for atom in kb.background],
         "predicates": {
-            f"{p.name}({', '.join(p.parameters)})": p.description for p in declared(kb).values()
+            f"{p.name}({', '.join(p.parameters)})": p.description for p in _declared(kb)
         },
         "rules": {name: _rule(rule) for name, rule in kb.rules.items()},
         "semantics": kb.semantics.model_dump(exclude_none=True),
@@ -74,6 +70,12 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "grounding": kb.grounding.model_dump(),
         "tests": [_case(kb, case) for case in kb.tests],
     }
+
+
+def _declared(kb: KnowledgeBase) -> list[Predicate]:
+    """Return what a file must declare: also a head whose rules or readers were taken out."""
+    implied = (kb.read | kb.weighed).intersection(kb.heads)
+    return [p for name, p in kb.predicates.items() if p.declared or name not in implied]
 
 
 def _rule(rule: Rule) -> str | dict[str, Any]:
@@ -173,63 +175,3 @@ def _dump(data: Mapping[str, Any]) -> str:
     return yaml.dump(
         _Block(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=_WIDTH
     )
-
-
-# -- tables -------------------------------------------------------------------------------------
-
-
-def summary_table(kb: KnowledgeBase) -> Group:
-    """Return a knowledge base as tables: rules, weights, terms, signals, and what it is."""
-    semantics = kb.semantics
-    pooling = "pooled" if semantics.pools else "best"
-    return Group(
-        f"[bold]{escape(kb.name)}[/] {escape(kb.description.strip())}",
-        f"[dim]subject {kb.subject} · {len(declared(kb))} predicates · {len(kb.tests)} tests · "
-        f"hash {kb.hash[:12]}[/]",
-        f"[dim]conjunction {semantics.conjunction} · groundings {pooling} · disjunction "
-        f"{semantics.disjunction} · confidence {semantics.confidence}[/]",
-        _table(
-            "Rules",
-            ("rule", "clause", "description"),
-            ((r.name, str(r.clause), r.description) for r in kb.rules.values()),
-        ),
-        _table(
-            "Weights",
-            ("weight", "w ="),
-            (
-                (name, f"1/{weight.normalizer:g} × ({_sum(weight.coefficients)})")
-                for name, weight in kb.weights.items()
-            ),
-        ),
-        _table(
-            "Reward, the sum of",
-            ("term", "weight", "formula", "parameters"),
-            (
-                (t.name, str(t.weight), t.formula.text, _numbers(t.parameters))
-                for t in kb.terms.values()
-            ),
-        ),
-        _table(
-            "Signals",
-            ("signal", "unit", "description", "default"),
-            (
-                (name, s.unit, s.description, "" if s.default is None else f"{s.default:g}")
-                for name, s in kb.signals.items()
-            ),
-        ),
-    )
-
-
-def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-    table = Table(*columns, title=title, title_justify="left")
-    for row in rows:
-        table.add_row(*map(escape, row))
-    return table
-
-
-def _sum(coefficients: Mapping[str, float]) -> str:
-    return " + ".join(f"{number:g} {head}" for head, number in coefficients.items())
-
-
-def _numbers(numbers: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} = {number:g}" for name, number in numbers.items())

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from sfol.errors import SfolError
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 
 TOLERANCE = 1e-9
 
@@ -74,23 +75,12 @@ def run_tests(kb: KnowledgeBase) -> TestReport:
 def run_case(reward: RewardFunction, case: Case) -> CaseResult:
     """Run one test of a knowledge base."""
     facts = Facts.parse(case.facts, margin=reward.kb.grounding.margin)
-    fired = fired_rules(reward, facts)
+    conclusions = reward.conclude(facts)
     try:
-        outcome = reward.evaluate(facts, **case.signals)
+        outcome = reward.evaluate(conclusions, **case.signals)
     except SfolError as error:
-        return CaseResult(case.name, (str(error),), fired)
-    return CaseResult(case.name, tuple(_differences(case, outcome)), fired)
-
-
-def fired_rules(reward: RewardFunction, facts: Facts) -> frozenset[str]:
-    """Return the names of the rules that conclude something from facts."""
-    tables = reward.engine.conclude(facts).tables
-    return frozenset(
-        rule.name
-        for rules in reward.engine.program.rules.values()
-        for rule, plan in rules
-        if plan.substitutions(tables)
-    )
+        return CaseResult(case.name, (str(error),), conclusions.fired)
+    return CaseResult(case.name, tuple(_differences(case, outcome)), conclusions.fired)
 
 
 def _differences(case: Case, outcome: Outcome) -> Iterator[str]:

@@ -24,7 +24,8 @@ from typing import cast
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 from sfol.syntax import Atom, is_variable, parse_clause
 
 TOLERANCE = 1e-9
@@ -173,7 +174,7 @@ def _near(one: float, other: float) -> bool:
 
 
 def _derived(reward: RewardFunction, facts: Facts) -> Derived:
-    return reward.engine.conclude(facts).derived
+    return reward.conclude(facts).derived
 
 
 def _signals(reward: RewardFunction) -> dict[str, float]:
@@ -219,7 +220,7 @@ def _named(kb: KnowledgeBase) -> set[str]:
 def _read(kb: KnowledgeBase) -> set[str]:
     """Return the predicates on which conclusions can depend: of bodies, and of heads."""
     bodies = [rule.clause.body for rule in kb.rules.values()]
-    return {lit.atom.predicate for body in bodies for lit in body.literals} | set(kb.heads)
+    return {name for body in bodies for name in body.predicates} | set(kb.heads)
 
 
 def _some_atom(kb: KnowledgeBase, name: str, entities: Sequence[str], random: Random) -> Atom:

@@ -15,19 +15,16 @@ import itertools
 from collections.abc import Sequence
 from typing import Any
 
-from sfol.errors import MissingExtraError
+from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
+from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom, Guard, Literal, variables
 
 try:
     from hypothesis import strategies as st
 except ImportError as error:
-    raise MissingExtraError(
-        "the strategies need hypothesis",
-        name="hypothesis",
-        suggestion="python -m pip install 'sfol[testing]'",
-    ) from error
+    raise missing_extra("hypothesis", "the strategies need it", extra="testing") from error
 
 # Predicates with their arity. A rule reads only those that stand before its head, so that no
 # knowledge base has a cycle; those behind the first three can be asserted, derived or both.
@@ -39,7 +36,6 @@ UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
 ENTITIES = ("ego", "ada", "bob", "cleo")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
-_CONJUNCTIONS = ("average", "minimum", "product", "lukasiewicz")
 _VARIABLES = ("X", "Y", "Z")
 
 
@@ -111,7 +107,8 @@ def _rules(draw: st.DrawFn) -> dict[str, dict[str, Any]]:
 
 def semantics() -> st.SearchStrategy[dict[str, Any]]:
     """All valid combinations of operators, as the key `semantics` has them."""
-    valid = [(c, g) for c in _CONJUNCTIONS for g in (None, "best")] + [("average", "pooled")]
+    valid = [(name, groundings) for name in CONJUNCTIONS for groundings in (None, "best")]
+    valid += [(name, "pooled") for name, c in CONJUNCTIONS.items() if c.pooled]
     return st.builds(
         lambda pair, disjunction, confidence: {
             "conjunction": pair[0],
@@ -120,8 +117,8 @@ def semantics() -> st.SearchStrategy[dict[str, Any]]:
             "confidence": confidence,
         },
         st.sampled_from(valid),
-        st.sampled_from(["maximum", "probabilistic_sum"]),
-        st.sampled_from(["midpoint", "lower", "upper"]),
+        st.sampled_from([*DISJUNCTIONS]),
+        st.sampled_from([*CONFIDENCES]),
     )
 
 
@@ -199,7 +196,7 @@ def facts_for(
         if (name, constants) not in kb.background
     ]
     bodies = [rule.clause.body for rule in kb.rules.values()]
-    read = {literal.atom.predicate for body in bodies for literal in body.literals}
+    read = {name for body in bodies for name in body.predicates}
     # Bodies hold only where much of what they read is known: each such atom may well be.
     likely = draw(st.permutations([atom for atom in atoms if atom.predicate in read]))[:max_size]
     maybe = draw(st.lists(st.none() | bounds(), min_size=len(likely), max_size=len(likely)))

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from sfol.knowledge_base import KnowledgeBase
-from sfol.knowledge_base.vocabulary import declared
 from sfol.logs import Log
-from sfol.reward import Outcome
+from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode, replay
 
 TOLERANCE = 1e-9
-Parts = dict[str, dict[str, str]]
+Texts = dict[str, dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def compare(before: KnowledgeBase, after: KnowledgeBase) -> tuple[Change, ...]:
     )
 
 
-def _changes(section: str, old: Parts, new: Parts) -> Iterator[Change]:
+def _changes(section: str, old: Texts, new: Texts) -> Iterator[Change]:
     for name in dict.fromkeys([*old, *new]):
         if name not in new:
             yield Change(section, name, "removed", old[name], {})
@@ -84,14 +83,14 @@ def _less(parts: Mapping[str, str], others: Mapping[str, str]) -> dict[str, str]
     return {key: text for key, text in parts.items() if others.get(key) != text}
 
 
-def _sections(kb: KnowledgeBase) -> dict[str, Parts]:
+def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
     """Return everything that is compared: section → name → part → text."""
     return {
         "subject": {"": {"": kb.subject}},
         "background": {str(atom): {} for atom in kb.background},
         "predicates": {
             f"{p.name}({', '.join(p.parameters)})": {"": p.description}
-            for p in declared(kb).values()
+            for p in kb.declared.values()
         },
         "rules": {
             rule.name: {
@@ -139,8 +138,8 @@ def _sections(kb: KnowledgeBase) -> dict[str, Parts]:
     }
 
 
-def _entity_weights(kb: KnowledgeBase) -> Parts:
-    parts: Parts = {}
+def _entity_weights(kb: KnowledgeBase) -> Texts:
+    parts: Texts = {}
     for entry in kb.entity_weights:
         name = str(entry.when)
         while name in parts:

@@ -17,10 +17,10 @@ from sfol.knowledge_base import KnowledgeBase
 if TYPE_CHECKING:
     import networkx as nx
 
-    Graph = nx.DiGraph["Node"]
+    Graph = nx.DiGraph["GraphNode"]
 
 
-class Node(NamedTuple):
+class GraphNode(NamedTuple):
     """A part of a knowledge base.
 
     Attributes:
@@ -49,29 +49,31 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
         kb: the knowledge base.
 
     Returns:
-        A directed graph of `Node`. A predicate that rules conclude is a ``head``. Edges from a
+        A directed graph of `GraphNode`. A predicate that rules conclude is a ``head``. Edges from a
         predicate to a rule have ``negated``, those from a head to a weight have ``coefficient``.
     """
     import networkx as nx  # noqa: PLC0415  (slow to import, and needed for drawing only)
 
     graph: Graph = nx.DiGraph()
-    heads = {name: Node("head", name) for name in kb.heads}
-    graph.add_nodes_from(heads.get(name, Node("predicate", name)) for name in kb.predicates)
+    heads = {name: GraphNode("head", name) for name in kb.heads}
+    graph.add_nodes_from(heads.get(name, GraphNode("predicate", name)) for name in kb.predicates)
     for rule in kb.rules.values():
-        node = Node("rule", rule.name)
+        node = GraphNode("rule", rule.name)
         for literal in rule.clause.body.literals:
             name = literal.atom.predicate
-            source = heads.get(name, Node("predicate", name))
+            source = heads.get(name, GraphNode("predicate", name))
             graph.add_edge(source, node, negated=literal.negated)
         graph.add_edge(node, heads[rule.clause.head.predicate])
     for name, weight in kb.weights.items():
-        graph.add_node(Node("weight", name))
+        graph.add_node(GraphNode("weight", name))
         for head, coefficient in weight.coefficients.items():
-            graph.add_edge(Node("head", head), Node("weight", name), coefficient=coefficient)
+            graph.add_edge(
+                GraphNode("head", head), GraphNode("weight", name), coefficient=coefficient
+            )
     for term in kb.terms.values():
-        graph.add_node(Node("term", term.name))
+        graph.add_node(GraphNode("term", term.name))
         if isinstance(term.weight, str):
-            graph.add_edge(Node("weight", term.weight), Node("term", term.name))
+            graph.add_edge(GraphNode("weight", term.weight), GraphNode("term", term.name))
     return graph
 
 
@@ -107,12 +109,12 @@ _SWEEPS = 8
 class _Bend(NamedTuple):
     """A point that an edge over several layers passes through; it takes a row like a node."""
 
-    source: Node
-    target: Node
+    source: GraphNode
+    target: GraphNode
     layer: int
 
 
-_Place = Node | _Bend
+_Place = GraphNode | _Bend
 _Layers = Sequence[Sequence[_Place]]
 _Path = Sequence[_Place]
 
@@ -150,13 +152,13 @@ def svg(kb: KnowledgeBase) -> str:
     )
 
 
-def _layered(graph: Graph) -> tuple[_Layers, dict[tuple[Node, Node], _Path]]:
+def _layered(graph: Graph) -> tuple[_Layers, dict[tuple[GraphNode, GraphNode], _Path]]:
     """Put each node right of all that it depends on, and bend long edges in every layer."""
     layer_of = _layer_of(graph)
     layers: list[list[_Place]] = [[] for _ in range(max(layer_of.values(), default=-1) + 1)]
     for node, layer in layer_of.items():
         layers[layer].append(node)
-    paths: dict[tuple[Node, Node], _Path] = {}
+    paths: dict[tuple[GraphNode, GraphNode], _Path] = {}
     for source, target in graph.edges:
         between = range(layer_of[source] + 1, layer_of[target])
         bends = [_Bend(source, target, layer) for layer in between]
@@ -166,7 +168,7 @@ def _layered(graph: Graph) -> tuple[_Layers, dict[tuple[Node, Node], _Path]]:
     return layers, paths
 
 
-def _layer_of(graph: Graph) -> dict[Node, int]:
+def _layer_of(graph: Graph) -> dict[GraphNode, int]:
     """Number the layers; what is observed stands next to its first use, terms stand last."""
     import networkx as nx  # noqa: PLC0415
 
@@ -174,7 +176,7 @@ def _layer_of(graph: Graph) -> dict[Node, int]:
     deepest = {node: i for i, nodes in enumerate(generations) for node in nodes}
     last = len(generations) - 1
 
-    def layer(node: Node) -> int:
+    def layer(node: GraphNode) -> int:
         if node.kind == "term":
             return last
         users = [deepest[user] for user in graph.successors(node)]
@@ -219,7 +221,7 @@ def _laid_out(layers: _Layers) -> _Layout:
     return _Layout(
         lefts={place: lefts[i] for i, _, place in places},
         rights={
-            place: lefts[i] + (_width(place) if isinstance(place, Node) else widths[i])
+            place: lefts[i] + (_width(place) if isinstance(place, GraphNode) else widths[i])
             for i, _, place in places
         },
         middles={
@@ -232,10 +234,10 @@ def _laid_out(layers: _Layers) -> _Layout:
 
 
 def _width(place: _Place) -> float:
-    return len(place.name) * _CHARACTER + 20 if isinstance(place, Node) else 0.0
+    return len(place.name) * _CHARACTER + 20 if isinstance(place, GraphNode) else 0.0
 
 
-def _box(node: Node, layout: _Layout) -> str:
+def _box(node: GraphNode, layout: _Layout) -> str:
     left, right, middle = layout.lefts[node], layout.rights[node], layout.middles[node]
     radius = _HEIGHT / 2 if node.kind == "rule" else 4
     return (

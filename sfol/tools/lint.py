@@ -29,11 +29,9 @@ from typing import Literal as Choice
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.positions import Keys, entries
-from sfol.knowledge_base.vocabulary import declared, read
 from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
 from sfol.tools.replay import ReplayedEpisode
 
-ENDINGS = ("collision", "timeout", "success")
 DOMINANT = 0.9
 
 _OF_EPISODES = ("SF007", "SF008")
@@ -78,17 +76,17 @@ def lint_episodes(
     kb: KnowledgeBase,
     episodes: Sequence[ReplayedEpisode],
     *,
+    endings: Sequence[str],
     dominant: float = DOMINANT,
-    endings: Sequence[str] = ENDINGS,
 ) -> tuple[Finding, ...]:
     """Return what is odd about the rewards of recorded episodes.
 
     Args:
         kb: the knowledge base that they were replayed under.
         episodes: as `sfol.tools.replay.replay` returns them.
-        dominant: the share of all reward from which one term is too much.
         endings: how episodes end, from the worst to the best. Source: the sanity checks of
             Knox et al., "Reward (Mis)design for Autonomous Driving", arXiv 2104.13906.
+        dominant: the share of all reward from which one term is too much.
     """
     return (*_dominates(kb, episodes, dominant), *_misordered(episodes, endings))
 
@@ -98,13 +96,12 @@ def lint_episodes(
 
 def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
     """SF001; a head that nobody declares and whose rules never fire is never known itself."""
-    observable = declared(kb)
     reasons: dict[str, str] = {}
     while True:
         barren = {
             head
             for head in kb.heads
-            if head not in observable
+            if head not in kb.declared
             and all(
                 name in reasons
                 for name, rule in kb.rules.items()
@@ -170,9 +167,9 @@ def _excludes(rule: Rule) -> bool:
 
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
-    reads = read(kb)
-    for name in declared(kb):
-        if name not in reads:
+    used = kb.read | kb.weighed
+    for name in kb.declared:
+        if name not in used:
             yield Finding(
                 "SF003",
                 "warning",

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfol.errors import MissingExtraError, UsageError
-from sfol.reward import Outcome
+from sfol.errors import UsageError, missing_extra
+from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode
 from sfol.writing import replacing
 
@@ -37,11 +37,7 @@ def new_figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415  (an extra, and slow to import)
     except ImportError:
-        raise MissingExtraError(
-            "plots need matplotlib, which is not installed",
-            name="plot",
-            suggestion="pip install 'sfol[plot]'",
-        ) from None
+        raise missing_extra("matplotlib", "plots need it", extra="plot") from None
     return Figure(figsize=(width, height), layout="constrained")
 
 

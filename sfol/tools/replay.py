@@ -9,7 +9,8 @@ from sfol.errors import FormulaError, SfolError, SignalError
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, LoggedEpisode, LoggedStep
-from sfol.reward import Outcome, RewardFunction
+from sfol.outcome import Outcome
+from sfol.reward import RewardFunction
 
 
 @dataclass(frozen=True)

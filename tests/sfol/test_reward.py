@@ -262,6 +262,25 @@ def test_the_papers_entity_weights(aeb):
     }  # fmt: skip
 
 
+def test_conclusions_stand_for_the_facts_that_they_were_drawn_from(aeb):
+    facts = Facts.parse("Pedestrian(p1): 0.8. OnRoad(p1). CenterOf(p1, ego). EmptyLane(ego).")
+    conclusions = aeb.conclude(facts)
+    outcome = aeb.evaluate(conclusions, **ROAD)
+    assert outcome == aeb.evaluate(facts, **ROAD)
+    assert outcome.conclusions is conclusions
+    assert aeb.entity_weights(conclusions, ["p1"]) == aeb.entity_weights(facts, ["p1"])
+    assert str(aeb.explain(conclusions, **ROAD)) == str(aeb.explain(facts, **ROAD))
+
+
+def test_an_outcome_knows_the_rules_that_fired_for_whichever_entity(aeb):
+    def fired(text):
+        return aeb.evaluate(Facts.parse(text), **ROAD).fired
+
+    assert fired("") == set()
+    assert fired("Pedestrian(p1): 0.1. OnRoad(p1). CenterOf(p1, ego).") == {"safe1"}
+    assert fired("Vehicle(v1). Pedestrian(p1). OnRoad(p1). CenterOf(p1, v1).") == {"safe1"}
+
+
 def test_coefficients_and_parameters_can_be_set_and_only_those_there_are():
     reward = RewardFunction("aeb")
     facts = Facts.parse("Pedestrian(p1). OnCrosswalk(p1).")

@@ -64,7 +64,10 @@ def test_outcomes_explanations_and_facts_can_be_pickled(reward):
     facts = Facts.parse("Pedestrian(p1). OnCrosswalk(p1): 0.4.")
     outcome = reward.evaluate(facts, **SIGNALS)
     explanation = reward.explain(facts, **SIGNALS)
-    assert pickle.loads(pickle.dumps(outcome)) == outcome
+    sent = pickle.loads(pickle.dumps(outcome))
+    assert sent == outcome
+    assert sent.fired == outcome.fired == {"safe2"}
+    assert reward.evaluate(sent.conclusions, **SIGNALS) == outcome
     assert pickle.loads(pickle.dumps(explanation)).to_dict() == explanation.to_dict()
     assert pickle.loads(pickle.dumps(facts)) == facts
 

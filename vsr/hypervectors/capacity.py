@@ -1,6 +1,6 @@
 """How many entities a descriptor holds before they can't be told apart.
 
-Run as ``python -m vsr.hypervectors.capacity``. Random scenes are encoded and decoded again, from
+`aeb capacity` measures it. Random scenes are encoded and decoded again, from
 each SSI_i alone and from the bundle of all, and what comes out is compared with what went in.
 Beside it stands what theory expects.
 
@@ -16,17 +16,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-import typer
 from numpy.typing import NDArray
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from scipy import stats
 from scipy.optimize import linear_sum_assignment
 
-from sfol.cli import run
 from sfol.errors import UsageError
 from sfol.tools.plotting import new_figure
 from sfol.writing import replacing
@@ -323,7 +321,8 @@ def read(path: Path, settings: Mapping[str, Any]) -> list[Cell]:
     if not path.exists():
         return []
     study = json.loads(path.read_text())
-    if study["settings"] != settings:
+    begun = study["settings"]  # there may be more, which decides nothing
+    if {**begun, **settings} != begun:
         return []
     return [_cell(fields) for fields in study["cells"]]
 
@@ -356,21 +355,19 @@ def insert(page: Path, text: str) -> None:
 
 
 def study(
-    folder: Annotated[Path, typer.Option(help="The project's folder.")] = Path(),
-    dimension: Annotated[list[int] | None, typer.Option(help="D; give it several times.")] = None,
-    entities: Annotated[
-        int, typer.Option(help="How many entities are drawn for each cell, at least.", min=1)
-    ] = 100,
-    seed: Annotated[int, typer.Option(help="Of the random scenes.")] = 0,
+    folder: Path, *, dimensions: Sequence[int] = DIMENSIONS, entities: int = 100, seed: int = 0
 ) -> None:
     """Measure how many entities a descriptor holds, and write numbers, plot and table.
 
-    Random scenes of 1 to 50 entities are encoded and decoded again. It takes some ten minutes; a
-    study that was stopped goes on from where it was. Numbers go to results/capacity.json, the plot
-    to docs/images/capacity.png, the table into docs/explanation/descriptor.md.
+    A study that was stopped goes on from where it was.
+
+    Args:
+        folder: the project's; `RESULTS`, `PICTURE` and `PAGE` are in it.
+        dimensions: D, each of them.
+        entities: how many are drawn for each cell, at least.
+        seed: of the random scenes.
     """
     settings = {
-        "command": "python -m vsr.hypervectors.capacity",
         "seed": seed,
         "entities_per_cell": entities,
         "codebook_version": VERSION,
@@ -381,7 +378,7 @@ def study(
     torch.set_num_threads(1)
     results = folder / RESULTS
     cells = {(cell.dimension, cell.entities): cell for cell in read(results, settings)}
-    wanted = [(d, count) for d in dimension or DIMENSIONS for count in COUNTS]
+    wanted = [(d, count) for d in dimensions for count in COUNTS]
     columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns) as progress:
         for key in progress.track(wanted, description="capacity"):
@@ -394,12 +391,3 @@ def study(
 
 def _sorted(cells: Mapping[tuple[int, int], Cell]) -> list[Cell]:
     return [cells[key] for key in sorted(cells)]
-
-
-def main() -> None:
-    """Run the command, with errors in one line."""
-    run(typer.run, function=study)
-
-
-if __name__ == "__main__":
-    main()

@@ -19,7 +19,8 @@ from vsr.entities import ClassMap, Direction, Entity, class_map
 from vsr.grounding import SegmentationGrounding
 from vsr.hypervectors import attention, hrr
 from vsr.hypervectors.codebook import GRID, Codebook
-from vsr.hypervectors.fusion import Fusion, Method
+from vsr.hypervectors.fusion import Fusion
+from vsr.hypervectors.methods import Method
 
 _PAIRS = len(DESCRIPTOR_CLASSES) * len(Direction)  # what can be a neighbour, and where
 

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 from operator import add, mul
-from typing import Literal, get_args
+from typing import get_args
 
 from torch import Tensor
 from torch.nn.functional import rms_norm
 
 from sfol.errors import UsageError, did_you_mean
+from vsr.hypervectors.methods import Method
 
-Method = Literal["add", "multiply", "ssi", "sf"]
 _TINY = 1e-30  # added to mean squares, so that a vector of zeros stays one
 
 

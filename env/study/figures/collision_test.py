@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any
 
 from env.evaluation.statistics import Share
-from env.study.figures.contenders import TRAFFIC, Contender, Contenders, Pooled, groups
+from env.study.figures.contenders import TRAFFIC, Contender, Contenders, Pooled, groups, metric
 from env.study.figures.paper import Paper, PaperCell
 from env.world.cells import CELLS, Cell
 
@@ -150,7 +149,7 @@ def metres(value: float | None) -> str:
 
 
 def _measured(contender: Contender, cell: Cell) -> dict[str, Pooled]:
-    found = {name: contender.measured([cell], attrgetter(name)) for name in _COLUMNS}
+    found = {name: contender.measured([cell], metric(name)) for name in _COLUMNS}
     return {name: pooled for name, pooled in found.items() if pooled is not None}
 
 

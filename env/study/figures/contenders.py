@@ -32,6 +32,16 @@ def pool(parts: Sequence[Measure]) -> Measure:
     return Mean.pooled(part for part in parts if isinstance(part, Mean))
 
 
+def metric(name: str) -> Callable[[Summary], Measure | None]:
+    """Return what picks a metric out of a summary: a share or a mean, or None where it lacks it."""
+
+    def of(summary: Summary) -> Measure | None:
+        measured = summary.measured.get(name)
+        return None if isinstance(measured, int) else measured
+
+    return of
+
+
 @dataclass(frozen=True)
 class Pooled:
     """What was measured over all training seeds.
@@ -73,19 +83,24 @@ class Contender:
     seeds: Mapping[int, Mapping[Cell, Summary]]
 
     def measured(
-        self, cells: Sequence[Cell], measure: Callable[[Summary], Measure]
+        self, cells: Sequence[Cell], measure: Callable[[Summary], Measure | None]
     ) -> Pooled | None:
         """Return a measure over some cells, pooled over the seeds that have driven all of them.
 
         Args:
             cells: at least one.
-            measure: picks it out of a summary.
+            measure: picks it out of a summary; `metric` makes one.
 
         Returns:
-            None where no seed has driven all those cells.
+            None where no seed has driven all those cells, or was measured so.
         """
         complete = [runs for runs in self.seeds.values() if all(cell in runs for cell in cells)]
-        seeds = tuple(pool([measure(runs[cell]) for cell in cells]) for runs in complete)
+        of_seeds = [[measure(runs[cell]) for cell in cells] for runs in complete]
+        seeds = tuple(
+            pool([part for part in parts if part is not None])
+            for parts in of_seeds
+            if None not in parts
+        )
         return Pooled(pool(seeds), seeds) if seeds else None
 
 

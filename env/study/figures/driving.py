@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any, Literal
 
 from env.evaluation.statistics import Share
-from env.study.figures.contenders import TRAFFIC, Contender, Pooled, level
+from env.study.figures.contenders import TRAFFIC, Contender, Pooled, level, metric
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,7 @@ class Characteristic:
     """One of the paper's eight.
 
     Attributes:
-        name: of the measure in `env.evaluation.evaluate.Summary`.
+        name: of the metric, a row of `env.evaluation.metrics.METRICS`.
         label: what figures and tables call it; starred where less is better.
         unit: of the number as shown.
         group: of the paper.
@@ -73,8 +72,7 @@ def driving_rows(contenders: Iterable[Contender]) -> list[DrivingRow]:
     for contender in contenders:
         for traffic in TRAFFIC:
             measured = {
-                c.name: contender.measured(level(traffic), attrgetter(c.name))
-                for c in CHARACTERISTICS
+                c.name: contender.measured(level(traffic), metric(c.name)) for c in CHARACTERISTICS
             }
             complete = {name: pooled for name, pooled in measured.items() if pooled is not None}
             if complete:

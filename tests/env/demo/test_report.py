@@ -13,6 +13,7 @@ from playwright.sync_api import expect, sync_playwright
 
 from env.demo.episode import Episode, SeenEntity, Step
 from env.demo.report import Focus, Provenance, write_report
+from sfol.errors import UsageError
 
 GROUPS = {"efficiency": ["efficiency1", "efficiency2"], "safety": ["safe1", "removed"]}
 PROVENANCE = Provenance("crossing", "3f9a1c77d2e4", "a test")
@@ -173,8 +174,8 @@ def test_what_cannot_be_shown_is_refused_and_leaves_no_file(episodes, tmp_path, 
 def test_failed_write_keeps_the_old_report(monkeypatch, episodes, tmp_path):
     path = tmp_path / "report.html"
     path.write_text("old")
-    monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
-    with pytest.raises(OSError, match="full"):
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(UsageError, match="full"):
         write_report(path, episodes, GROUPS, FOCUS, PROVENANCE)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("report.html", "old")]
 

@@ -129,7 +129,7 @@ def test_drivers_by_camera_look_at_nothing_but_the_camera_and_their_speed(fast_s
     for _ in range(60):
         shown = SimpleNamespace(
             scene=street.scene,
-            camera=SimpleNamespace(parameters=street.camera.parameters),
+            lens=street.lens,
             ego=SimpleNamespace(speed=street.ego.speed, parameters=street.ego.parameters),
             corridor=SimpleNamespace(width=street.corridor.width),
             pipeline=SimpleNamespace(grounding=street.pipeline.grounding),

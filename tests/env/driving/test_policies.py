@@ -11,10 +11,10 @@ from stable_baselines3 import PPO
 from env.driving import policies
 from env.driving.policies import PickledPolicyDriver, file_hash, make_driver
 from env.driving.policy_files import PolicyFile
-from env.driving.setup import load_setup
+from env.driving.setup import load_setup, training_name
 from env.street.crossing import OccludedCrossing
 from env.street.observation import observer_of
-from env.study.study_results import StudyFolder, training_name
+from env.study.study_results import StudyFolder
 from env.world.cells import CELLS
 from sfol.errors import SfolError
 from tests.env.spaces import PEDAL, Spaces

@@ -17,7 +17,7 @@ from env.driving.setup import Setup
 from env.evaluation.evaluate import Drive
 from env.learning.actor_critic import ActorCritic
 from env.learning.curriculum import StreetsInTurn
-from env.learning.new_model import untrained_model
+from env.learning.new_model import codebook_of, untrained_model
 from env.learning.vector_streets import make_streets
 from env.perception.weights_folder import FOLDER_VARIABLE
 from env.street.crossing import OccludedCrossing
@@ -46,7 +46,7 @@ def write(path, model, chosen):
         evaluation={},
         versions={},
     )
-    PolicyFile(path).write(card, model)
+    PolicyFile(path).write(card, model, codebook_of(chosen))
     return path
 
 

@@ -15,7 +15,7 @@ from env.driving.drivers import DRIVERS
 from env.driving.rollout import Ending, rollout
 from env.evaluation.evaluate import Drive, drive_episode, evaluate, summarize
 from env.evaluation.results import DriveResult, ResultFolder, read_json
-from env.evaluation.returns import CONDUCTS, Worth, faults
+from env.evaluation.returns import REFERENCE_BEHAVIOURS, BehaviourReturn, faults
 from env.evaluation.statistics import Mean
 from env.world.cells import CELLS, Cell
 from sfol.errors import SfolError
@@ -45,7 +45,8 @@ def measured(street):
     for driver, seed in (("full_throttle", 0), ("full_throttle", 1), ("cautious", 0)):
         result = drive_episode(street, DRIVERS[driver](), seed).result
         steps = [
-            (t.speed, dict(t.info), t.reward) for t in rollout(street, DRIVERS[driver](), seed)
+            (t.speed, dict(t.info), t.outcome.reward)
+            for t in rollout(street, DRIVERS[driver](), seed)
         ]
         episodes.append((result, steps))
     return episodes
@@ -58,12 +59,14 @@ def test_an_episode_s_measures_are_those_of_its_steps(measured):
         accelerations = np.diff(speeds) / 0.1
         assert result.steps == len(steps)
         assert result.seconds == pytest.approx(0.1 * len(steps))
-        assert result.rms_speed == pytest.approx(np.sqrt(np.mean(np.square(speeds))))
-        assert result.rms_acceleration == pytest.approx(np.sqrt(np.mean(accelerations**2)))
-        assert result.rms_jerk == pytest.approx(
+        assert result.measured["rms_speed"] == pytest.approx(np.sqrt(np.mean(np.square(speeds))))
+        assert result.measured["rms_acceleration"] == pytest.approx(
+            np.sqrt(np.mean(accelerations**2))
+        )
+        assert result.measured["rms_jerk"] == pytest.approx(
             np.sqrt(np.mean((np.diff(accelerations) / 0.1) ** 2))
         )
-        assert result.min_ttc == min(info["ttc"] for info in infos)
+        assert result.measured["min_ttc"] == min(info["ttc"] for info in infos)
         assert result.total == pytest.approx(sum(reward for *_, reward in steps))
         assert result.discounted == pytest.approx(
             sum(0.997**k * reward for k, (*_, reward) in enumerate(steps))
@@ -80,9 +83,11 @@ def test_collisions_have_an_impact_speed_and_no_near_miss(measured):
     endings = set()
     for result, steps in measured:
         endings.add(result.ending)
-        assert result.impact_speed == (steps[-1][1]["speed"] if steps[-1][1]["collision"] else None)
-        near = result.min_ttc is not None and result.min_ttc <= 2.0
-        assert result.near_miss == (near and result.ending == "success")
+        assert result.measured["impact_speed"] == (
+            steps[-1][1]["speed"] if steps[-1][1]["collision"] else None
+        )
+        near = result.measured["min_ttc"] is not None and result.measured["min_ttc"] <= 2.0
+        assert result.measured["near_miss"] == (near and result.ending == "success")
     assert endings == {"collision", "success"}
 
 
@@ -98,11 +103,17 @@ def test_a_summary_counts_endings_and_leaves_out_who_has_no_number(measured):
     results = [result for result, _ in measured]
     summary = summarize(results)
     endings = [result.ending for result in results]
-    assert summary.collision.count == endings.count("collision")
-    assert summary.success.count + summary.collision.count + summary.timeout.count == len(results)
-    assert summary.impact_speed.episodes == summary.collision.count
-    assert summary.time_to_goal.episodes == summary.success.count
-    assert summary.false_braking.of == summary.steps == sum(result.steps for result in results)
+    assert summary.measured["collision"].count == endings.count("collision")
+    assert summary.measured["success"].count + summary.measured[
+        "collision"
+    ].count + summary.measured["timeout"].count == len(results)
+    assert summary.measured["impact_speed"].episodes == summary.measured["collision"].count
+    assert summary.measured["time_to_goal"].episodes == summary.measured["success"].count
+    assert (
+        summary.measured["false_braking"].of
+        == summary.steps
+        == sum(result.steps for result in results)
+    )
     assert summary.total["timeout"] == Mean(None, 0)
 
 
@@ -205,7 +216,7 @@ def test_other_settings_are_driven_anew(run, tmp_path):
 def test_a_result_is_read_back_as_it_was_written(tmp_path):
     folder, some = ResultFolder(tmp_path), drive(episodes=1)
     result = folder.write(some, evaluate([some]), "a command")
-    assert result.summary.stopping_distance.mean is None
+    assert result.summary.measured["stopping_distance"].mean is None
     assert read_json(folder.file(some), DriveResult) == result
 
 
@@ -256,21 +267,21 @@ def test_the_help_teaches():
 # ── Returns ──────────────────────────────────────────────────────────────────────────────────
 
 
-def worths(*values):
+def returns(*values):
     return [
-        Worth(conduct.name, Mean(value, 1), Mean(value, 1))
-        for conduct, value in zip(CONDUCTS, values, strict=True)
+        BehaviourReturn(behaviour.name, Mean(value, 1), Mean(value, 1))
+        for behaviour, value in zip(REFERENCE_BEHAVIOURS, values, strict=True)
     ]
 
 
-def test_conducts_name_drivers_and_endings():
-    for conduct in CONDUCTS:
-        assert conduct.driver in DRIVERS
-        assert conduct.ending in Ending.__args__
+def test_behaviours_name_drivers_and_endings():
+    for behaviour in REFERENCE_BEHAVIOURS:
+        assert behaviour.driver in DRIVERS
+        assert behaviour.ending in Ending.__args__
 
 
 def test_a_reward_in_order_has_no_faults():
-    assert faults(worths(-50.0, 0.0, 5.0, 60.0, 70.0)) == []
+    assert faults(returns(-50.0, 0.0, 5.0, 60.0, 70.0)) == []
 
 
 @pytest.mark.parametrize(
@@ -282,13 +293,13 @@ def test_a_reward_in_order_has_no_faults():
     ],
 )
 def test_what_pays_better_than_it_should_is_a_fault(values, less, more):
-    (fault,) = faults(worths(*values))
+    (fault,) = faults(returns(*values))
     assert fault.startswith(f"'{less}'")
     assert f"'{more}'" in fault
 
 
-def test_a_conduct_without_episodes_says_nothing():
-    assert faults(worths(None, 0.0, None, 60.0, None)) == []
+def test_a_behaviour_without_episodes_says_nothing():
+    assert faults(returns(None, 0.0, None, 60.0, None)) == []
 
 
 @pytest.mark.long

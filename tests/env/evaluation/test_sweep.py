@@ -132,13 +132,13 @@ class Nervous:
 
 
 def test_who_brakes_on_the_quiet_street_brakes_for_nothing(quiet):
-    assert drive_episode(quiet, FullThrottle(), 1).result.false_braking == 0
-    assert drive_episode(quiet, Nervous(), 1).result.false_braking > 10
+    assert drive_episode(quiet, FullThrottle(), 1).result.measured["false_braking"] == 0
+    assert drive_episode(quiet, Nervous(), 1).result.measured["false_braking"] > 10
 
 
 def test_the_ttc_brake_is_not_startled_by_people_on_the_sidewalks(quiet):
     result = drive_episode(quiet, TTCBrake(), 2).result
-    assert (result.ending, result.false_braking) == ("success", 0)
+    assert (result.ending, result.measured["false_braking"]) == ("success", 0)
 
 
 def test_nobody_is_in_the_way_of_a_car_that_stands(quiet):

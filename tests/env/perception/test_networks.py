@@ -8,7 +8,8 @@ import pytest
 
 from env.perception.networks import load_autoencoder, load_segmenter
 from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
-from env.tools.frames import FIRST_SEEDS, frames_of_street
+from env.street.seeds import FRAMES
+from env.tools.frames import frames_of_street
 from sfol.errors import UsageError
 from vsr.grounding import Camera
 from vsr.networks.weights import read_card
@@ -21,7 +22,7 @@ NETWORKS = {"segmenter": load_segmenter, "autoencoder": load_autoencoder}
 def held_out(street_of):
     """Frames of a busy street that no network was trained on."""
     street = street_of("high", "full")
-    return [frame for _, frame in frames_of_street(street, FIRST_SEEDS["test"] + 900_000, 8)]
+    return [frame for _, frame in frames_of_street(street, FRAMES["test"].start + 900_000, 8)]
 
 
 def test_the_shipped_segmenter_knows_the_street(street_of, held_out):
@@ -44,9 +45,9 @@ def test_the_shipped_encoder_tells_frames_apart(street_of, held_out):
 def test_the_shipped_card_says_what_the_weights_are(network):
     card = read_card(weights_folder() / f"{network}.safetensors")
     assert card.network == network
-    assert card.trained_on.train["seeds"][0] >= FIRST_SEEDS["train"]
-    assert card.trained_on.train["seeds"][1] < FIRST_SEEDS["validation"]
-    assert card.trained_on.validation["seeds"][1] < FIRST_SEEDS["test"]
+    assert card.trained_on.train["seeds"][0] >= FRAMES["train"].start
+    assert card.trained_on.train["seeds"][1] < FRAMES["validation"].start
+    assert card.trained_on.validation["seeds"][1] < FRAMES["test"].start
 
 
 def test_the_shipped_weights_are_small():
@@ -76,7 +77,7 @@ def test_weights_are_found_where_the_environment_or_an_argument_says(network, co
     monkeypatch.setenv(FOLDER_VARIABLE, str(copied))
     load()
     monkeypatch.setenv(FOLDER_VARIABLE, str(copied / "nothing"))
-    with pytest.raises(UsageError, match=rf"no weights .*python -m vsr\.training {network}"):
+    with pytest.raises(UsageError, match=rf"no weights .*aeb networks {network}"):
         load()
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from env.driving.drivers import Cautious
+from env.perception.truth import TruthPerception
 from env.street.crossing import OccludedCrossing
 from env.tools.agreement import SLACK, USEFUL_RANGE, claims, compare, sights, stopping_distance
 from env.world.actors import EgoParameters, Walkers
@@ -23,7 +24,8 @@ def facts_of(street, front, *people):
     positions = np.tile([-50.0, -8.0], (len(street.world.heights), 1))
     positions[: len(people)] = np.reshape(people, (-1, 2))
     walkers = Walkers(positions, np.zeros_like(positions))
-    return {str(atom) for atom in street.truth.perceive(front, walkers).facts}
+    truth = TruthPerception(street.world, street.lens, street.pipeline)
+    return {str(atom) for atom in truth.perceive(front, walkers).facts}
 
 
 def test_the_useful_range_is_longer_than_the_way_to_a_stand():

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import sfol
 from env.cli import app, main
-from env.driving.setup import setup_names
+from env.driving.setup import setup_names, training_name
 from env.evaluation.evaluate import Settings, Summary
 from env.evaluation.results import DriveResult, write_json
 from env.evaluation.statistics import Mean, Share
@@ -30,7 +30,6 @@ from env.study.study_results import (
     StudyFolder,
     TrainingResult,
     Trajectory,
-    training_name,
 )
 from env.world.cells import CELLS, Cell
 from sfol.errors import UsageError
@@ -44,19 +43,21 @@ def drive_of(driver, cell, success=90, collision=8, stop=3.0, stops=50, **option
     """The result of 100 episodes; whoever collides does so at 5 m/s."""
     summary = Summary(
         steps=10_000,
-        success=Share.out_of(success, 100),
-        collision=Share.out_of(collision, 100),
-        timeout=Share.out_of(100 - success - collision, 100),
-        near_miss=Share.out_of(20, 100),
-        false_braking=Share.out_of(30, 10_000),
-        stopping_distance=Mean(stop if stops else None, stops),
-        rms_speed=Mean(6.0 + success / 100, 100),
-        rms_acceleration=Mean(2.0, 100),
-        rms_jerk=Mean(5.0 + collision / 10, 100),
-        min_ttc=Mean(1.5 - collision / 100, 100),
-        impact_speed=Mean(5.0 if collision else None, collision),
-        time_to_goal=Mean(16.0 if success else None, success),
-        contact_at_rest=0,
+        measured={
+            "success": Share.out_of(success, 100),
+            "collision": Share.out_of(collision, 100),
+            "timeout": Share.out_of(100 - success - collision, 100),
+            "near_miss": Share.out_of(20, 100),
+            "false_braking": Share.out_of(30, 10_000),
+            "stopping_distance": Mean(stop if stops else None, stops),
+            "rms_speed": Mean(6.0 + success / 100, 100),
+            "rms_acceleration": Mean(2.0, 100),
+            "rms_jerk": Mean(5.0 + collision / 10, 100),
+            "min_ttc": Mean(1.5 - collision / 100, 100),
+            "impact_speed": Mean(5.0 if collision else None, collision),
+            "time_to_goal": Mean(16.0 if success else None, success),
+            "contact_at_rest": 0,
+        },
         total={},
         discounted={},
         fluctuation={"safety": Mean(0.3, 100), "efficiency": Mean(0.1 + collision / 100, 100)},

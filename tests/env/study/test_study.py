@@ -7,13 +7,13 @@ import yaml
 from typer.testing import CliRunner
 
 from env.cli import app
-from env.driving.setup import load_setup, setup_names
+from env.driving.setup import load_setup, setup_names, training_name
 from env.evaluation import evaluate
 from env.learning import curriculum
 from env.street.crossing import OccludedCrossing
 from env.study import study
 from env.study.study import StudyPlan, quick, run_study
-from env.study.study_results import StudyFolder, training_name
+from env.study.study_results import StudyFolder
 from env.world.cells import Cell
 
 SMALL = {
@@ -79,7 +79,7 @@ def test_every_setup_and_seed_is_trained_and_drives_in_every_cell(plan):
         assert drive.settings.driver == "small-seed3"
         assert drive.settings.policy == training.policy
         assert drive.settings.perception == "truth"
-        assert drive.summary.timeout.count == 2
+        assert drive.summary.measured["timeout"].count == 2
         assert "aeb study --setup my/small.yaml --seed 3" in drive.command
     (trajectory,) = plan.results.trajectories()
     assert (trajectory.traffic, trajectory.occlusion) == HERE[-1]

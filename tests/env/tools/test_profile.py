@@ -4,21 +4,23 @@ import sys
 
 from env.tools.profile import by_stage, without_folders
 
-LEARN = "<module> (env/profile.py:1);train (env/profile.py:80);learn (sb3/ppo/ppo.py:300)"
-WORKER = "_worker (stable_baselines3/common/vec_env/subproc_vec_env.py:30);step (env/crossing.py:1)"
-PERCEIVE = f"{WORKER};ScenePipeline.perceive (env/pipeline.py:77)"
+LEARN = (
+    "<module> (env/tools/profile.py:1);train (env/tools/profile.py:80);learn (sb3/ppo/ppo.py:300)"
+)
+WORKER = "_worker (stable_baselines3/common/vec_env/subproc_vec_env.py:30);step (env/street/crossing.py:1)"
+PERCEIVE = f"{WORKER};ScenePipeline.perceive (env/perception/pipeline.py:77)"
 
 
 def test_samples_belong_to_the_innermost_stage_that_they_are_in():
     stages = by_stage(
         [
-            "process 1;<module> (env/profile.py:1);load (torch/__init__.py:1) 1000000",  # not yet
+            "process 1;<module> (env/tools/profile.py:1);load (torch/__init__.py:1) 1000000",  # not yet
             f"{LEARN};collect (sb3/on_policy.py:1) 10000",
             f"{PERCEIVE};find_entities (vsr/entities.py:9) 200000",
-            f"{WORKER};__call__ (env/description.py:50) 30000",
-            f"{WORKER};__call__ (env/description.py:50);FeatureEncoder.encode (vsr/autoencoder.py:99) 400000",
-            f"{WORKER};reset (env/crossing.py:1);capture (env/camera.py:20) 600000",
-            f"{WORKER};_drive (env/crossing.py:250) 50000",
+            f"{WORKER};__call__ (env/perception/description.py:50) 30000",
+            f"{WORKER};__call__ (env/perception/description.py:50);FeatureEncoder.encode (vsr/networks/autoencoder.py:99) 400000",
+            f"{WORKER};reset (env/street/crossing.py:1);capture (env/world/camera.py:20) 600000",
+            f"{WORKER};_drive (env/street/crossing.py:250) 50000",
         ]
     )
     whole = sum(stages.values())

@@ -72,9 +72,9 @@ def test_traffic_has_the_paper_s_numbers(traffic, count):
     paces = people._paces
     assert len(people) == count
     assert np.count_nonzero(paces == RUNNING_PACE) == round(level.running * count)
-    special_and_orderly = 1 + level.orderly
+    target_and_orderly = 1 + level.orderly
     crossing = np.count_nonzero(~np.isnan(people._lines))
-    assert crossing == round(level.crossing * count) + special_and_orderly
+    assert crossing == round(level.crossing * count) + target_and_orderly
 
 
 @pytest.mark.parametrize("behaviour", ["briefly_visible", "hidden"])
@@ -108,7 +108,7 @@ def test_crossings_end():
         assert STREET.on_sidewalk(others[:, 1]).all()
 
 
-def test_the_special_one_waits_for_ego():
+def test_the_target_waits_for_ego():
     people = crowd("low", "hidden")
     start = people.positions[0]
     for _ in walk(people, lambda t: Ego(), 20.0):
@@ -117,21 +117,21 @@ def test_the_special_one_waits_for_ego():
     assert STREET.on_sidewalk(start[1:])
 
 
-def test_the_special_one_crosses_before_a_slow_ego():
+def test_the_target_crosses_before_a_slow_ego():
     people = crowd("low", "hidden")
     for _ in walk(people, lambda t: Ego(position=min(2.0 * t, 57.0), speed=2.0), 40.0):
         pass
     assert people.positions[0, 1] > STREET.far_kerb
 
 
-def test_the_special_one_crosses_before_an_ego_that_gives_way():
+def test_the_target_crosses_before_an_ego_that_gives_way():
     people = crowd("low", "hidden")
     for _ in walk(people, lambda t: Ego(position=52.0), 12.0):
         pass
     assert people.positions[0, 1] > STREET.far_kerb
 
 
-def test_nobody_but_the_special_one_enters_the_lane_unless_ego_can_stop():
+def test_nobody_but_the_target_enters_the_lane_unless_ego_can_stop():
     """Whoever comes within half a metre of ego's way leaves ego its stopping distance."""
     entries = 0
     for seed in range(8):
@@ -166,7 +166,7 @@ def braking_distance(speed):
     return driven(-1.0, 5.0, ego).position
 
 
-def test_the_special_one_leaves_room_to_a_slow_ego_and_not_always_to_a_fast_one():
+def test_the_target_leaves_room_to_a_slow_ego_and_not_always_to_a_fast_one():
     def least_room(speed):
         return RASH_REACTION[0] * speed + BESIDE_LANE.margin
 
@@ -174,7 +174,7 @@ def test_the_special_one_leaves_room_to_a_slow_ego_and_not_always_to_a_fast_one(
     assert braking_distance(40 / 3.6) > least_room(40 / 3.6)
 
 
-def test_the_special_one_steps_before_ego_as_near_as_it_dares():
+def test_the_target_steps_before_ego_as_near_as_it_dares():
     grants = []
     for seed in range(30):
         people, ego = crowd("low", "hidden", seed), Ego()
@@ -192,7 +192,7 @@ def test_the_special_one_steps_before_ego_as_near_as_it_dares():
     assert len(grants) > 10
 
 
-def test_where_nobody_is_special_and_nobody_crosses_everybody_stays_on_the_sidewalks():
+def test_where_there_is_no_target_and_nobody_crosses_everybody_stays_on_the_sidewalks():
     calm = replace(TRAFFIC["high"], crossing=0.0, orderly=0)
     people = Pedestrians(calm, None, np.random.default_rng(1), STREET, CORRIDOR)
     for _ in walk(people, lambda t: Ego(position=5.0 * t, speed=5.0), 30.0):

@@ -57,22 +57,22 @@ def test_each_person_is_one_instance(street):
 
 
 def test_feet_are_where_the_pinhole_says(street):
-    lens = street.camera.parameters
+    lens = street.lens
     for ahead, right in ((8.0, 0.0), (15.0, 2.0), (25.0, -3.0)):
         x, y = 30.0 - lens.setback + ahead, street.corridor.centre - right
         frame = frame_at(street, 30.0, [(x, y)])
         rows, columns = np.nonzero(frame.classes == SemanticClass.PEDESTRIAN)
-        scale = lens.focal_length / ahead
+        scale = lens.pinhole.focal / ahead
         assert rows.max() + 1 == pytest.approx(112 + scale * lens.height, abs=1.5)
         assert columns.mean() == pytest.approx(112 + scale * right, abs=2.0)
 
 
 def test_the_crosswalk_is_where_the_pinhole_says(street):
-    lens = street.camera.parameters
+    lens = street.lens
     frame = frame_at(street, 45.0)
     rows, _ = np.nonzero(frame.classes == SemanticClass.CROSSWALK)
     before, after = (edge - 45.0 + lens.setback for edge in street.world.geometry.crosswalk)
-    drop = lens.focal_length * lens.height
+    drop = lens.pinhole.focal * lens.height
     assert rows.max() + 1 == pytest.approx(112 + drop / before, abs=1.0)
     assert rows.min() == pytest.approx(112 + drop / after, abs=1.0)
 
@@ -147,7 +147,7 @@ def test_geometry_keeps_to_the_right():
 
 
 def test_camera_parameters_come_from_the_grounding(street):
-    lens, grounding = street.camera.parameters, street.pipeline.grounding.camera
+    lens, grounding = street.lens, street.pipeline.grounding.camera
     assert isinstance(street.camera, DashCamera)
     assert (lens.fov, lens.height) == (grounding.fov, grounding.height)
-    assert lens.focal_length == pytest.approx(grounding.focal_length(lens.size))
+    assert lens.pinhole.focal == pytest.approx(grounding.focal_length(lens.size))

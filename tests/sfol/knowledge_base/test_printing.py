@@ -94,6 +94,22 @@ def test_heads_are_declared_only_if_they_were(kitchen, tmp_path):
     assert again(tmp_path, unread).hash == unread.hash
 
 
+def test_a_predicate_knows_whether_it_was_declared(kitchen):
+    kb = kitchen()
+    assert set(kb.predicates) - set(kb.declared) == {"careful"}
+    # Written just as the rule would introduce it, it is declared all the same.
+    kb = kitchen({"  Lid(X)": '  careful(X): ""\n  Lid(X)'})
+    assert set(kb.predicates) == set(kb.declared)
+    assert "careful(X): ''" in to_yaml(kb)
+
+
+def test_a_head_that_lost_its_rules_is_declared_in_the_file(kitchen, tmp_path):
+    kb = kitchen({"semantics": "  calm: calm(X) :- careful(X), Lid(X).\nsemantics",
+                  "{careful: 1.0}": "{calm: 1.0}"})  # fmt: skip
+    without = replace(kb, rules={"calm": kb.rules["calm"]})
+    assert again(tmp_path, without).hash == without.hash
+
+
 def test_show_prints_tables_or_one_file():
     done = sfol("show", "crossing")
     assert "1/3 × (1 safe1 + 1 safe2 + 1 safe3)" in done.out

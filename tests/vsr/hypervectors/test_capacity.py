@@ -3,7 +3,6 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from sfol.errors import MissingExtraError, UsageError
 from vsr.classes import SemanticClass
@@ -116,15 +115,12 @@ def project(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(project, *arguments):
-    app = capacity.typer.Typer()
-    app.command()(capacity.study)
-    command = ["--folder", str(project), "--dimension", "512", "--entities", "2", *arguments]
-    return CliRunner().invoke(app, command)
+def run(project, **options):
+    capacity.study(project, dimensions=[512], entities=2, **options)
 
 
 def test_the_study_writes_numbers_plot_and_table_and_goes_on_where_it_was(project, monkeypatch):
-    assert run(project).exit_code == 0
+    run(project)
     results = project / capacity.RESULTS
     study = json.loads(results.read_text())
     assert [(c["dimension"], c["entities"], c["scenes"]) for c in study["cells"]] == [
@@ -144,25 +140,16 @@ def test_the_study_writes_numbers_plot_and_table_and_goes_on_where_it_was(projec
     monkeypatch.setattr(
         capacity, "measure", lambda *key, **rest: measured.append(key) or measure(*key, **rest)
     )
-    assert run(project).exit_code == 0
+    run(project)
     assert measured == [(512, 2)]
-    assert run(project, "--seed", "1").exit_code == 0
+    run(project, seed=1)
     assert measured[1:] == [(512, 1), (512, 2)]
 
 
 def test_a_page_without_marks_is_refused(project):
     (project / capacity.PAGE).write_text("no marks")
-    assert isinstance(run(project).exception, UsageError)
-
-
-def test_errors_are_one_line_on_the_command_line(project, monkeypatch, capsys):
-    (project / capacity.PAGE).write_text("no marks")
-    arguments = ["--folder", str(project), "--dimension", "64", "--entities", "1"]
-    monkeypatch.setattr(sys, "argv", ["capacity", *arguments])
-    with pytest.raises(SystemExit) as exit_info:
-        capacity.main()
-    assert exit_info.value.code == 2
-    assert "has no place for the table" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="has no place for the table"):
+        run(project)
 
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):

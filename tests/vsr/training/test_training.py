@@ -14,8 +14,8 @@ from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, SemanticClass
 from vsr.networks.weights import read_card
 from vsr.segmentation import Frame, SimulatorSegmenter
 from vsr.training import feature_quality, segmentation_quality
-from vsr.training.__main__ import app
 from vsr.training.augmentation import relight
+from vsr.training.cli import app
 from vsr.training.frames import CARD, FrameSet, load_frames, write_shard
 from vsr.training.loop import Schedule, Training
 from vsr.training.segmenter import (

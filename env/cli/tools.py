@@ -1,0 +1,117 @@
+"""The commands of those who change the street or its networks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from env.cli.app import app
+
+
+@app.command("frames")
+def frames_command(
+    split: Annotated[str, typer.Argument(help="train, validation or test: streets of their own.")],
+    output: Annotated[Path, typer.Option(help="Folder for the frames.")],
+    frames: Annotated[int, typer.Option(help="How many, rounded up to whole streets.")] = 600,
+    pairs: Annotated[
+        bool, typer.Option(help="Also the frame one control step (0.1 s) after each.")
+    ] = False,
+) -> None:
+    """Render frames of many different streets, to train and to test networks on.
+
+    All traffic levels and both occlusions. Ego drives at changing speeds from random places; frames
+    of one street are half a second to a second apart. A render that was stopped goes on where it
+    was. A frame takes about 25 ms.
+
+    Example: `aeb frames train --frames 8000 --output runs/frames/train`
+    """
+    from env.tools.frames import render
+
+    render(split, output, frames=frames, pairs=pairs)
+
+
+@app.command("agreement")
+def agreement_command(
+    *,
+    episodes: Annotated[int, typer.Option(min=1, help="Through all cells in turn.")] = 20,
+    reach: Annotated[
+        float | None,
+        typer.Option(
+            help="Up to which distance entities count, in m.", show_default="the way to a stand"
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the first episode.")] = 0,
+    every: Annotated[int, typer.Option(min=1, help="Compare every how many steps.")] = 1,
+    frames: Annotated[
+        Path | None, typer.Option(help="Folder for a frame of each kind of difference.")
+    ] = None,
+) -> None:
+    """Print how often the perceptions truth and simulator agree on each predicate.
+
+    Example: `aeb agreement --episodes 6 --every 5 --frames runs/differences`
+    """
+    from env.tools.agreement import USEFUL_RANGE, print_agreement
+
+    print_agreement(
+        episodes=episodes, reach=reach or USEFUL_RANGE, seed=seed, every=every, frames=frames
+    )
+
+
+@app.command("contact-sheet")
+def contact_sheet_command(
+    output: Annotated[Path, typer.Argument(help="The PNG file, which is replaced.")],
+    seed: Annotated[int, typer.Option(help="Of the episode in every cell.")] = 4,
+) -> None:
+    """Draw every cell at a few moments of a cautious drive.
+
+    Example: `aeb contact-sheet runs/cells.png`
+    """
+    from env.tools.contact_sheet import save_sheet
+
+    save_sheet(output, seed)
+    print(output)
+
+
+@app.command("profile")
+def profile_command(
+    output: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/profile"),
+    perception: Annotated[
+        Literal["simulator", "unet"], typer.Option(help="Where facts come from.")
+    ] = "simulator",
+) -> None:
+    """Sample three updates of the main setup's training by py-spy: which stage costs how much.
+
+    Writes flame.svg, to be opened in a browser, and stages.json, which is printed as a table: the
+    milliseconds of processor time that each stage costs for one step of one street.
+    """
+    from env.tools.profile import record
+
+    record(output, perception)
+
+
+@app.command("capacity")
+def capacity_command(
+    folder: Annotated[Path, typer.Option(help="The project's folder.")] = Path(),
+    dimension: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="D of the descriptor. May be given several times.",
+            show_default="1024, 2048, 4096, 8192",
+        ),
+    ] = None,
+    entities: Annotated[
+        int, typer.Option(help="How many entities are drawn for each cell, at least.", min=1)
+    ] = 100,
+    seed: Annotated[int, typer.Option(help="Of the random scenes.")] = 0,
+) -> None:
+    """Measure how many entities a descriptor holds, and write numbers, plot and table.
+
+    Random scenes of 1 to 50 entities are encoded and decoded again. It takes some ten minutes; a
+    study that was stopped goes on from where it was. Numbers go to results/capacity.json, the plot
+    to docs/images/capacity.png, the table into the documentation's page on the descriptor.
+    """
+    from vsr.hypervectors.capacity import DIMENSIONS, study
+
+    study(folder, dimensions=dimension or DIMENSIONS, entities=entities, seed=seed)

@@ -1,0 +1,42 @@
+"""What an engine draws from some facts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from sfol.engines.program import Program
+from sfol.engines.tables import Tables
+from sfol.facts import Bound
+from sfol.syntax import Atom
+
+
+@dataclass(frozen=True)
+class Conclusions:
+    """What follows from some facts.
+
+    Attributes:
+        tables: facts, background, and the conclusions that concern the subject or that some body
+            reads.
+        derived: the atoms that some rule concluded, with their final bounds.
+    """
+
+    tables: Tables
+    derived: Mapping[Atom, Bound]
+    _program: Program = field(repr=False, compare=False)
+
+    @cached_property  # found when first asked for: few ask
+    def fired(self) -> frozenset[str]:
+        """The names of the rules that concluded something."""
+        return frozenset(
+            rule.name
+            for rules in self._program.rules.values()
+            for rule, plan in rules
+            if plan.substitutions(self.tables)
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A program is made of closures, which no pickle holds; what it is asked for can be.
+        return {"tables": self.tables, "derived": self.derived, "fired": self.fired}

@@ -1,0 +1,60 @@
+"""What an evaluation gives: the reward with everything that it was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sfol.arrays import Array
+from sfol.engines.batched import Bounds
+from sfol.engines.conclusions import Conclusions
+from sfol.facts import Bound
+from sfol.syntax import Atom
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one evaluation gave.
+
+    Attributes:
+        reward: R, the sum of the terms in their order.
+        terms: term → weight × formula, signed.
+        weights: weight → w.
+        confidences: head → τ̂ of the subject, 0 where nothing was concluded.
+        bounds: head → bound of the subject, None where nothing was concluded.
+        derived: every concluded atom with its bound.
+        conclusions: what all of it was computed from; `RewardFunction.explain` and
+            `RewardFunction.entity_weights` take them in place of the facts.
+    """
+
+    reward: float
+    terms: Mapping[str, float]
+    weights: Mapping[str, float]
+    confidences: Mapping[str, float]
+    bounds: Mapping[str, Bound | None]
+    derived: Mapping[Atom, Bound]
+    conclusions: Conclusions = field(repr=False, compare=False)
+
+    @property
+    def fired(self) -> frozenset[str]:
+        """The names of the rules that concluded something, for whichever entity."""
+        return self.conclusions.fired
+
+
+@dataclass(frozen=True, eq=False)
+class BatchOutcome:
+    """What one evaluation of B scenes gave; arrays of the caller's kind.
+
+    Attributes:
+        reward: float (B,), R.
+        terms: term → float (B,), weight × formula, signed.
+        weights: weight → float (B,), w.
+        confidences: head → float (B,), τ̂ of the subject, 0 where nothing was concluded.
+        bounds: head → bounds of the subject, with what is known.
+    """
+
+    reward: Array
+    terms: Mapping[str, Array]
+    weights: Mapping[str, Array]
+    confidences: Mapping[str, Array]
+    bounds: Mapping[str, Bounds]
