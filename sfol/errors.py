@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -106,6 +107,10 @@ class UsageError(SfolError):
     """An argument has a value that the function does not take."""
 
 
+class FileError(UsageError):
+    """A file can't be read, or is not in the form that it should have."""
+
+
 class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
 
@@ -130,15 +135,20 @@ def missing_extra(
     )
 
 
+# More errors than this help nobody; a file of nothing but errors would take long to describe.
+MAXIMUM_ERRORS = 100
+
+
 class InvalidKnowledgeBase(SfolError):  # noqa: N818 (it holds errors, it is not one more of them)
     """A knowledge base that cannot be used, with everything that is wrong with it.
 
     Args:
-        errors: the single errors, at least one, in the order of their places.
+        errors: the single errors, at least one; they are put in the order of their places, and
+            those after the first hundred are dropped.
     """
 
     def __init__(self, errors: Sequence[SfolError]) -> None:
-        self.errors = tuple(sorted(errors, key=_by_place))
+        self.errors = tuple(sorted(errors, key=_by_place))[:MAXIMUM_ERRORS]
         first = self.errors[0]
         super().__init__(
             first.message, name=first.name, suggestion=first.suggestion, place=first.place
@@ -166,6 +176,9 @@ def _rebuild(
     return kind(message, name=name, suggestion=suggestion, place=place)
 
 
+_MOST_COMPARED = 500
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """Return ``did you mean 'X'?`` for the known name most like this one, or the choices.
 
@@ -177,7 +190,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
         A suggestion for `SfolError`, or None where nothing is known at all.
     """
     candidates = sorted(set(known))
-    by_lower = {candidate.lower(): candidate for candidate in candidates}
+    # Of very many names those that stand near it in the alphabet: comparing with all takes long.
+    here = bisect.bisect(candidates, name)
+    near = candidates[max(here - _MOST_COMPARED // 2, 0) :][:_MOST_COMPARED]
+    by_lower = {candidate.lower(): candidate for candidate in near}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
     if close:
         return f"did you mean '{by_lower[close[0]]}'?"

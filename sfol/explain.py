@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -12,14 +12,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
+from sfol.clauses import Body
 from sfol.engines.engine import Engine
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
-from sfol.engines.tables import Constants, Tables, ground
+from sfol.engines.tables import Tables
 from sfol.facts import Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
+from sfol.literals import AtomLiteral, Literal
+from sfol.literals.search import Constants
 from sfol.outcome import Outcome
-from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
+from sfol.syntax import Atom, is_variable, variables
 
 if TYPE_CHECKING:
     import networkx
@@ -220,9 +223,9 @@ class _Prover:
         found = [
             values
             for values in plan.substitutions(self._tables)
-            if ground(rule.clause.head, values).arguments == arguments
+            if rule.clause.head.substituted(values).arguments == arguments
         ]
-        literals = tuple(self._literal(literal, plan, found) for literal in plan.body.literals)
+        literals = tuple(self._literal(literal, found) for literal in plan.body.atom_literals)
         text = f"{rule.clause}  {bound}"
         values = {
             "name": rule.name,
@@ -232,25 +235,22 @@ class _Prover:
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
 
-    def _literal(self, literal: Literal, plan: Plan, found: list[dict[str, str]]) -> Node:
+    def _literal(self, literal: AtomLiteral, found: list[dict[str, str]]) -> Node:
         """Return a node for a literal, with every distinct ground atom that it stands for."""
-        grounded = {
-            ground(literal.atom, values): plan.literal_bound(literal, self._tables, values)
-            for values in found
-        }
-        facts = tuple(
-            self._fact(atom, bound, negated=literal.negated) for atom, bound in grounded.items()
-        )
+        grounded = dict.fromkeys(literal.substituted(values) for values in found)
+        facts = tuple(self._fact(ground) for ground in grounded)
         if len(facts) == 1:
             return facts[0]
         text = f"{literal}: {len(facts)} atoms"
         return Node("literal", text, {"literal": str(literal)}, facts)
 
-    def _fact(self, atom: Atom, bound: Bound, *, negated: bool) -> Node:
-        literal = f"not {atom}" if negated else str(atom)
-        derived = not negated and atom in self._outcome.derived
+    def _fact(self, literal: AtomLiteral) -> Node:
+        atom = literal.atom
+        bound = literal.bound(self._tables.bound(atom))
+        assert bound is not None, f"{literal} holds"
+        derived = literal.monotone and atom in self._outcome.derived
         source = "derived" if derived else self._origin(atom)
-        values = {"literal": literal, "bound": list(bound), "source": source}
+        values = {"literal": str(literal), "bound": list(bound), "source": source}
         proofs = tuple(self._proofs(atom)) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
 
@@ -265,11 +265,11 @@ class Miss:
     """How near a rule came to concluding something.
 
     Attributes:
-        failed: the fewest literals and guards without which the rest of the body holds.
+        failed: the fewest literals without which the rest of the body holds.
         values: the constants of the variables in the rest of the body.
     """
 
-    failed: tuple[Literal | Guard, ...]
+    failed: tuple[Literal, ...]
     values: Mapping[str, str]
 
 
@@ -289,54 +289,24 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str) -> Miss | None:
     if not is_variable(term) and term != subject:
         return None
     given = {term: subject} if is_variable(term) else {}
-    parts: tuple[Literal | Guard, ...] = (*body.literals, *body.guards)
-    for count in range(len(parts) + 1):
-        for failed in combinations(parts, count):
-            kept = [part for part in parts if part not in failed]
-            if not _evaluable(kept, set(given)):
+    for count in range(len(body.literals) + 1):
+        for failed in combinations(body.literals, count):
+            kept = Body(tuple(literal for literal in body.literals if literal not in failed))
+            if not kept.bound_variables.union(given).issuperset(variables(*kept.terms)):
                 continue
-            literals = tuple(part for part in kept if isinstance(part, Literal))
-            guards = tuple(part for part in kept if isinstance(part, Guard))
-            plan = Plan.of(Body(literals, guards), rule_criterion(rule), given=list(given))
+            plan = Plan.of(kept, rule_criterion(rule), given=list(given))
             found = plan.substitutions(tables, list(given.values()))
             if found:
                 return Miss(failed, found[0])
     raise AssertionError("the empty body always holds")
 
 
-def _evaluable(parts: Sequence[Literal | Guard], known: set[str]) -> bool:
-    """Tell whether every variable of a negated literal or a guard is bound by the other parts."""
-    literals = [part for part in parts if isinstance(part, Literal)]
-    bound = known.union(*(lit.atom.arguments for lit in literals if not lit.negated))
-    read = [term for lit in literals if lit.negated for term in lit.atom.arguments]
-    read += [term for part in parts if isinstance(part, Guard) for term in part]
-    return bound.issuperset(variables(*read))
-
-
 def _miss_node(rule: Rule, miss: Miss, tables: Tables) -> Node:
-    reasons = [_reason(part, miss.values, rule, tables) for part in miss.failed]
+    reasons = [lit.substituted(miss.values).refutation(tables, rule) for lit in miss.failed]
     shown = ", ".join(f"{name} = {value}" for name, value in miss.values.items())
     text = f"rule {rule.name} lacks {' and '.join(reasons)}" + (f", with {shown}" if shown else "")
-    failed = [str(part) for part in miss.failed]
+    failed = [str(literal) for literal in miss.failed]
     return Node("miss", text, {"name": rule.name, "failed": failed, "with": dict(miss.values)})
-
-
-def _reason(part: Literal | Guard, values: Mapping[str, str], rule: Rule, tables: Tables) -> str:
-    if isinstance(part, Guard):
-        left, right = (values.get(term, term) for term in part)
-        return f"{left} != {right}"
-    atom = ground(part.atom, values)
-    bound = tables.bound(atom)
-    literal = f"not {atom}" if part.negated else str(atom)
-    if part.negated:
-        return f"{literal} (it is {bound})"
-    if bound is None:
-        return literal
-    if bound.upper == 0.0:
-        return f"{literal} (known to be false)"
-    if bound.lower < rule.threshold:
-        return f"{literal} (its {bound} is below the threshold {_number(rule.threshold)})"
-    return f"{literal} together with the rest"
 
 
 def _substitutions(rule: Rule, found: list[dict[str, str]]) -> Node:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -38,10 +39,11 @@ class Bound(NamedTuple):
             of: what the bound belongs to, for the message.
 
         Raises:
-            FactError: unless 0 ≤ lower ≤ upper ≤ 1; NaN never is.
+            FactError: unless these are numbers with 0 ≤ lower ≤ upper ≤ 1; NaN never is.
         """
+        lower, upper = _number(lower, of), _number(upper, of)
         if 0.0 <= lower <= upper <= 1.0:
-            return cls(float(lower), float(upper))
+            return cls(lower, upper)
         raise FactError(
             f"{of} has the bound [{lower}, {upper}]",
             name=of,
@@ -55,8 +57,9 @@ class Bound(NamedTuple):
         Source: the paper, below its equation for an entity's confidence, with m = 0.05.
 
         Raises:
-            FactError: unless the confidence is in [0, 1].
+            FactError: unless the confidence is a number in [0, 1].
         """
+        confidence = _number(confidence, of)
         if not 0.0 <= confidence <= 1.0:
             raise FactError(
                 f"{of} has the confidence {confidence}",
@@ -68,6 +71,19 @@ class Bound(NamedTuple):
 
     def __str__(self) -> str:
         return f"[{self.lower:.4g}, {self.upper:.4g}]"
+
+
+def _number(value: object, of: str) -> float:
+    """Return a number of any type, such as numpy's, as Python's own."""
+    if type(value) is float:
+        return value
+    is_text_or_array = isinstance(value, str | bytes) or bool(getattr(value, "ndim", 0))
+    with suppress(TypeError, ValueError, OverflowError):
+        if not is_text_or_array:
+            return float(value)  # type: ignore[arg-type]
+    raise FactError(
+        f"{of} has {value!r:.80} for a number", name=of, suggestion="give a single number"
+    )
 
 
 TRUE = Bound(1.0, 1.0)
@@ -146,12 +162,15 @@ class Facts:
             new = TRUE
         else:
             new = self._new_bound(predicate, constants, confidence, bound)
-        relation = self._relations.get(predicate)
+        try:
+            relation = self._relations.get(predicate)
+            old = None if relation is None else relation.get(constants)
+        except TypeError:  # what can't be a key is no name either, and is refused as such
+            relation = old = None
         if relation is None:
             _check_new(predicate, constants)
             self._relations[predicate] = {constants: new}
             return
-        old = relation.get(constants)
         if old is None:
             _check_atom(predicate, constants, relation)
         elif old != new:
@@ -224,10 +243,10 @@ class Facts:
         confidence: float | None,
         bound: tuple[float, float] | None,
     ) -> Bound:
-        if bound is not None and confidence is None:
-            lower, upper = bound
-            if 0.0 <= lower <= upper <= 1.0:  # spares the text that only an error needs
-                return bound if type(bound) is Bound else Bound(float(lower), float(upper))
+        if type(bound) is Bound and confidence is None:
+            lower, upper = bound  # of Python's own type in nearly all calls: spare the text below
+            if type(lower) is type(upper) is float and 0.0 <= lower <= upper <= 1.0:
+                return bound
         atom = f"{predicate}({', '.join(map(str, constants))})"
         if bound is None:
             assert confidence is not None
@@ -235,6 +254,12 @@ class Facts:
         if confidence is not None:
             raise FactError(
                 f"{atom} has a bound and a confidence", name=atom, suggestion="give one of them"
+            )
+        if not isinstance(bound, tuple | list) or len(bound) != 2:
+            raise FactError(
+                f"{atom} has {bound!r:.80} for a bound",
+                name=atom,
+                suggestion="a bound is (lower, upper)",
             )
         return Bound.checked(*bound, of=atom)
 
@@ -266,7 +291,7 @@ def _fact_text(atom: Atom, bound: Bound) -> str:
 
 def _check_new(predicate: str, constants: tuple[str, ...]) -> None:
     """Check the first atom of a predicate."""
-    if not is_name(predicate):
+    if not isinstance(predicate, str) or not is_name(predicate):
         raise FactError(f"'{predicate}' is not a predicate", name=predicate)
     if len(constants) not in (1, 2):
         raise FactError(
@@ -294,6 +319,10 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
         )
 
 
+def _is_constant(name: object) -> bool:
+    return isinstance(name, str) and _names_an_entity(name)
+
+
 @lru_cache(maxsize=65_536)  # the same few names come at every step
-def _is_constant(name: str) -> bool:
-    return isinstance(name, str) and is_name(name) and not is_variable(name)
+def _names_an_entity(name: str) -> bool:
+    return is_name(name) and not is_variable(name)

@@ -1,35 +1,31 @@
-"""Horn-clause text ↔ rules, atoms and facts.
+"""Atoms and facts as text, and the tokens and names that clauses are made of.
 
 The grammar, with `?` optional and `*` repeated::
 
-    rule      =  atom ":-" body "."
-    condition =  body
     fact      =  atom (":" bound | ":" number)? "."
-    body      =  element ("," element)*
-    element   =  atom | "not" atom | term "!=" term
     atom      =  name "(" term ("," term)? ")"
     bound     =  "[" number "," number "]"
 
 An argument that begins with an upper-case letter is a variable, any other a constant. ``%`` and
-``#`` begin a comment that ends with the line.
+``#`` begin a comment that ends with the line. Rules are read by `sfol.clauses`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from sfol.errors import ClauseError
 
 MAXIMUM_TEXT = 100_000
+OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
 
 _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
     r"|(?P<number>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?)"
     r"|(?P<name>[^\W\d]\w*)"
-    r"|(?P<punctuation>:-|!=|[(),.:\[\]])"
+    rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
@@ -43,59 +39,39 @@ class Atom(NamedTuple):
     def __str__(self) -> str:
         return f"{self.predicate}({', '.join(self.arguments)})"
 
+    def substituted(self, values: Mapping[str, str]) -> Atom:
+        """Return the atom with the terms that have a value replaced by it."""
+        return Atom(self.predicate, tuple([values.get(term, term) for term in self.arguments]))
 
-class Literal(NamedTuple):
-    """An atom in a body, negated or not."""
+    def key(self, slots: Mapping[str, int]) -> Callable[[list[str]], tuple[str, ...]]:
+        """Return the function that reads the ground arguments off a list of values.
 
-    atom: Atom
-    negated: bool = False
+        Args:
+            slots: where in the list the value of each term stands.
+        """
+        if len(self.arguments) == 1:
+            only = slots[self.arguments[0]]
+            return lambda values: (values[only],)
+        left, right = (slots[term] for term in self.arguments)
+        return lambda values: (values[left], values[right])
 
-    def __str__(self) -> str:
-        return f"not {self.atom}" if self.negated else str(self.atom)
+    def matched(self, target: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
+        """Return the substitution, extended so that it turns this atom into the target.
 
+        Args:
+            target: another atom; its variables are taken as they stand.
+            values: what variables of this atom stand for already.
 
-class Guard(NamedTuple):
-    """The condition that two terms are different entities."""
-
-    left: str
-    right: str
-
-    def __str__(self) -> str:
-        return f"{self.left} != {self.right}"
-
-
-@dataclass(frozen=True)
-class Body:
-    """What must hold: literals and guards.
-
-    Attributes:
-        literals: in the order of the text.
-        guards: in the order of the text.
-        offsets: where each name stands in the text, for error messages.
-    """
-
-    literals: tuple[Literal, ...]
-    guards: tuple[Guard, ...] = ()
-    offsets: tuple[tuple[str, int], ...] = field(default=(), compare=False, repr=False)
-
-    @property
-    def predicates(self) -> frozenset[str]:
-        """The predicates that it reads."""
-        return frozenset(literal.atom.predicate for literal in self.literals)
-
-    def __str__(self) -> str:
-        return ", ".join(str(part) for part in (*self.literals, *self.guards))
-
-
-@dataclass(frozen=True)
-class Clause:
-    """A Horn clause: the head holds if the body does."""
-
-    head: Atom
-    body: Body
-
-    def __str__(self) -> str:
-        return f"{self.head} :- {self.body}."
+        Returns:
+            None if no substitution does.
+        """
+        if self.predicate != target.predicate or len(self.arguments) != len(target.arguments):
+            return None
+        extended = dict(values)
+        for term, wanted in zip(self.arguments, target.arguments, strict=True):
+            if (extended.setdefault(term, wanted) if is_variable(term) else term) != wanted:
+                return None
+        return extended
 
 
 class FactText(NamedTuple):
@@ -121,43 +97,13 @@ def variables(*terms: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(term for term in terms if is_variable(term)))
 
 
-def parse_clause(text: str) -> Clause:
-    """Parse one rule.
-
-    Args:
-        text: such as ``safe2(X) :- Vehicle(X), Pedestrian(P), OnCrosswalk(P).``
-
-    Raises:
-        ClauseError: with the offset of what is wrong.
-    """
-    reader = _Reader(text)
-    head = reader.atom()
-    reader.expect(":-", "a rule is written 'head :- body.'")
-    body = reader.body()
-    reader.expect(".", "a rule ends with a full stop")
-    reader.end()
-    return Clause(head, body)
-
-
-def parse_condition(text: str) -> Body:
-    """Parse the body of a rule alone, such as ``Pedestrian(X), OnRoad(X)``.
-
-    Raises:
-        ClauseError: with the offset of what is wrong.
-    """
-    reader = _Reader(text)
-    body = reader.body()
-    reader.end()
-    return body
-
-
 def parse_signature(text: str) -> Atom:
     """Parse a predicate with its parameters, such as ``CenterOf(X, Y)``.
 
     Raises:
         ClauseError: with the offset of what is wrong.
     """
-    reader = _Reader(text)
+    reader = Reader(text)
     atom = reader.atom()
     reader.end()
     if len(variables(*atom.arguments)) != len(atom.arguments):
@@ -181,7 +127,7 @@ def parse_facts(text: str) -> Iterator[FactText]:
     Raises:
         ClauseError: with the offset of what is wrong.
     """
-    reader = _Reader(text)
+    reader = Reader(text)
     while not reader.at_end():
         yield reader.fact()
 
@@ -192,7 +138,7 @@ def parse_ground_atom(text: str) -> Atom:
     Raises:
         ClauseError: with the offset of what is wrong.
     """
-    reader = _Reader(text)
+    reader = Reader(text)
     atom = reader.ground_atom()
     reader.accept(".")
     reader.end()
@@ -205,8 +151,20 @@ class _Token(NamedTuple):
     offset: int
 
 
-class _Reader:
-    """A recursive-descent parser over the tokens of one text."""
+class Reader:
+    """A recursive-descent parser over the tokens of one text.
+
+    Every method that reads moves past what it read.
+
+    Args:
+        text: to be read.
+
+    Attributes:
+        names: every name that was read, with its offset in the text.
+
+    Raises:
+        ClauseError: with the offset of what is wrong; so does every method that reads.
+    """
 
     def __init__(self, text: str) -> None:
         if len(text) > MAXIMUM_TEXT:
@@ -217,47 +175,45 @@ class _Reader:
         self._text = text
         self._tokens = list(_tokenise(text))
         self._position = 0
-        self._names: list[tuple[str, int]] = []
+        self.names: list[tuple[str, int]] = []
 
     def at_end(self) -> bool:
+        """Tell whether all was read."""
         return self._peek().kind == "end"
 
-    def accept(self, punctuation: str) -> bool:
-        if self._peek().text != punctuation:
+    def sees(self, text: str, ahead: int = 0) -> bool:
+        """Tell whether a text is the next token, or the one so many tokens ahead."""
+        return self._peek(ahead).text == text
+
+    def accept(self, text: str) -> bool:
+        """Read a token if it is the next one, and tell whether it was."""
+        if not self.sees(text):
             return False
         self._position += 1
         return True
 
-    def expect(self, punctuation: str, suggestion: str | None = None) -> None:
-        if not self.accept(punctuation):
-            raise self._unexpected(f"'{punctuation}'", suggestion)
+    def expect(self, text: str, suggestion: str | None = None) -> None:
+        """Read a token that must be the next one."""
+        if not self.accept(text):
+            raise self._unexpected(f"'{text}'", suggestion)
 
     def end(self) -> None:
+        """Make sure that all was read."""
         if not self.at_end():
             raise self._unexpected("the end")
 
-    def body(self) -> Body:
-        literals: list[Literal] = []
-        guards: list[Guard] = []
-        while True:
-            element = self._element()
-            if isinstance(element, Guard):
-                guards.append(element)
-            else:
-                literals.append(element)
-            if not self.accept(","):
-                return Body(tuple(literals), tuple(guards), tuple(self._names))
-
     def atom(self) -> Atom:
-        predicate = self._name("a predicate")
+        """Read an atom."""
+        predicate = self.name("a predicate")
         self.expect("(", f"a predicate has one or two arguments: {predicate}(X)")
-        arguments = [self._name("an argument")]
+        arguments = [self.name("an argument")]
         if self.accept(","):
-            arguments.append(self._name("an argument"))
+            arguments.append(self.name("an argument"))
         self.expect(")", "a predicate has one or two arguments")
         return Atom(predicate, tuple(arguments))
 
     def ground_atom(self) -> Atom:
+        """Read an atom that must have no variable."""
         start = self._peek().offset
         atom = self.atom()
         found = variables(*atom.arguments)
@@ -271,30 +227,22 @@ class _Reader:
         return atom
 
     def fact(self) -> FactText:
+        """Read a fact with its full stop."""
         atom = self.ground_atom()
         bound = confidence = None
         if self.accept(":"):
             if self.accept("["):
-                lower = self._number()
+                lower = self.number()
                 self.expect(",", "a bound is written [lower, upper]")
-                bound = (lower, self._number())
+                bound = (lower, self.number())
                 self.expect("]", "a bound is written [lower, upper]")
             else:
-                confidence = self._number()
+                confidence = self.number()
         self.expect(".", "a fact ends with a full stop")
         return FactText(atom, bound, confidence)
 
-    def _element(self) -> Literal | Guard:
-        if self._peek().text == "not" and self._peek(1).text != "(":
-            self._position += 1
-            return Literal(self.atom(), negated=True)
-        if self._peek(1).text == "!=":
-            left = self._name("a term")
-            self.expect("!=")
-            return Guard(left, self._name("a term"))
-        return Literal(self.atom())
-
-    def _name(self, what: str) -> str:
+    def name(self, what: str) -> str:
+        """Read a predicate or a term; `what` names it in an error."""
         token = self._peek()
         if token.kind != "name":
             raise self._unexpected(what)
@@ -306,10 +254,11 @@ class _Reader:
                 offset=token.offset,
             )
         self._position += 1
-        self._names.append((token.text, token.offset))
+        self.names.append((token.text, token.offset))
         return token.text
 
-    def _number(self) -> float:
+    def number(self) -> float:
+        """Read a number."""
         token = self._peek()
         if token.kind != "number":
             raise self._unexpected("a number")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,19 +13,26 @@ from sfol.errors import UsageError
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, follow_link: bool = False) -> Iterator[Path]:
     """Yield the path of a file to write; it takes the place of `path` if nothing goes wrong.
 
-    Until then the content stands beside it in a file that ends in ``.part``; an exception
-    removes that file and leaves `path` as it was. A link stays a link. Missing folders are made.
+    Until then the content stands beside it, in a file that ends in ``.part`` and that nobody else
+    can have made: its name is drawn by chance and did not exist. An exception removes that file
+    and leaves `path` as it was. Missing folders are made.
+
+    Args:
+        path: the file.
+        follow_link: whether a link is followed and stays one; else it is replaced, and what it
+            leads to is not touched.
 
     Raises:
         UsageError: the file can't be written.
     """
-    target = path.resolve()
-    part = target.with_name(f"{target.name}.part")
+    target = path.resolve() if follow_link else path
+    part = target.with_name(f"{target.name}.{secrets.token_hex(8)}.part")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         yield part
         if target.exists():
             shutil.copymode(target, part)

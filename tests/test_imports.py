@@ -15,7 +15,18 @@ HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet")
 # Each room may import the rooms of its package that stand before it, and those beside it in braces
 # not at all. A module at the top of a package is a room of its own, unless it is one of the ground.
 GROUND = {
-    "sfol": {"errors", "arrays", "writing", "syntax", "facts", "formula", "operators"},
+    "sfol": {
+        "errors",
+        "arrays",
+        "writing",
+        "strict_yaml",
+        "syntax",
+        "facts",
+        "formula",
+        "operators",
+        "literals",
+        "clauses",
+    },
     "vsr": {"classes", "segmentation", "entities", "grounding", "facts"},
     "env": set(),
 }

@@ -7,11 +7,12 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from env.world.cells import Cell, CellOcclusion, Traffic
-from sfol.errors import Place, UsageError, did_you_mean
+from sfol import strict_yaml
+from sfol.errors import UsageError, did_you_mean
+from sfol.strict_yaml import Document
 from vsr.hypervectors.methods import Method
 
 _FOLDER = Path(__file__).resolve().parents[2] / "setups"
@@ -222,18 +223,11 @@ def load_setup(source: str | Path) -> Setup:
             suggestion=did_you_mean(str(source), setup_names())
             or f"one of {', '.join(setup_names())}, or the path of a YAML file",
         )
+    document = strict_yaml.read(path)
     try:
-        return Setup.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise UsageError(
-            f"{error.problem or 'this is no YAML'}", place=Place(str(path), line, column)
-        ) from None
-    except UnicodeDecodeError:
-        raise UsageError(f"'{path}' is no text", name=str(path)) from None
+        return Setup.model_validate(document.data)
     except ValidationError as error:
-        raise _invalid(str(path), error) from None
+        raise _invalid(str(path), error, document) from None
 
 
 def training_name(setup: str, seed: int) -> str:
@@ -253,13 +247,15 @@ def changed(setup: Setup, **changes: Any) -> Setup:
         raise _invalid(f"the setup '{setup.name}'", error) from None
 
 
-def _invalid(source: str, error: ValidationError) -> UsageError:
+def _invalid(source: str, error: ValidationError, document: Document | None = None) -> UsageError:
     first = error.errors()[0]
     key = ".".join(map(str, first["loc"])) or "as a whole"
     last = str(first["loc"][-1]) if first["loc"] else ""
+    spot = document.places.nearest(tuple(first["loc"])) if document else None
     return UsageError(
-        f"{source}: {key}: {first['msg']}",
+        f"{source}: {key}: {first['msg']}" if spot is None else f"{key}: {first['msg']}",
         name=key,
+        place=spot.of_key() if spot else None,
         suggestion=did_you_mean(last, [*Setup.model_fields, *Learning.model_fields])
         if first["type"] == "extra_forbidden"
         else None,

@@ -55,7 +55,7 @@ def fmt(
         if check or diff:
             console.print(f"{escaped(path)}: would be formatted", soft_wrap=True)
             continue
-        with replacing(path) as part:
+        with replacing(path, follow_link=True) as part:
             part.write_bytes(new.encode())
         console.print(f"{escaped(path)}: formatted", soft_wrap=True)
     if broken:

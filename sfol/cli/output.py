@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable, Collection
 
 from rich.console import Console
+from rich.markup import escape
 
 from sfol.errors import InvalidKnowledgeBase, SfolError
 from sfol.knowledge_base import KnowledgeBase
@@ -30,6 +32,9 @@ def run(command: Callable[..., object], **arguments: object) -> None:
         command: a typer application, or `typer.run`.
         arguments: what it is called with.
     """
+    for stream in (sys.stdout, sys.stderr):  # a console that lacks a character shows another
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         command(**arguments)
     except SfolError as error:
@@ -67,5 +72,6 @@ def note(text: str) -> None:
 
 
 def escaped(text: object) -> str:
-    """Return a text in which brackets are brackets, and not markup."""
-    return str(text).replace("[", "\\[")
+    """Return a text as it is printed: no markup, and no control characters but line ends."""
+    visible = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in str(text))
+    return escape("".join(visible))

@@ -46,7 +46,7 @@ def _print_report(
     share = report.covered / len(kb.rules) if kb.rules else 1.0
     table = Table("rule", "tests", title=f"rule coverage {share:.0%}", title_justify="left")
     for rule, count in report.coverage.items():
-        table.add_row(rule, str(count) if count else "[red]0[/]")
+        table.add_row(escaped(rule), str(count) if count else "[red]0[/]")
     if report.results:
         console.print(table)
     passed = len(report.results) - failed

@@ -14,15 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from sfol.arrays import Array, Indices
-from sfol.engines.matching import Criterion, Search
 from sfol.engines.program import Program
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.tables import Tables
 from sfol.facts import TRUE, Facts
 from sfol.knowledge_base import Rule
+from sfol.literals import AtomLiteral, Reading, Search
+from sfol.literals.search import Constants
 from sfol.syntax import Atom
 
-# Whether a literal holds is decided at evaluation; here every known atom may support.
-_ANY_BOUND = Criterion(positive=lambda bound: True, negated=lambda bound: True)
+
+def _any_bound(literal: AtomLiteral) -> Reading:
+    """Let a literal hold at every bound: at which ones it does is decided at evaluation."""
+    return lambda known: known
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,11 @@ class Groundings:
     heads: Indices
     rows: tuple[Indices, ...]
     pairs: tuple[Pairs, ...]
+
+    @property
+    def literals(self) -> tuple[AtomLiteral, ...]:
+        """The literals of the rule's body, in the order of `rows` and `pairs`."""
+        return self.rule.clause.body.atom_literals
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +203,7 @@ class _HeadRows:
         self._numbers: dict[Atom, int] = {}
         self._rows: list[int] = []
         self._scenes: list[int] = []
-        self._rules = list(program.plans(head, program.knowledge_base.subject, _ANY_BOUND))
+        self._rules = list(program.plans(head, program.knowledge_base.subject, _any_bound))
         self._found: list[list[tuple[int, ...]]] = [[] for _ in self._rules]
 
     def substitutions(self, tables: Tables) -> list[_Substitution]:
@@ -203,7 +211,7 @@ class _HeadRows:
         found: list[_Substitution] = []
         for number, (rule, plan, given) in enumerate(self._rules):
             head_of = plan.reader(rule.clause.head)
-            predicates = [literal.atom.predicate for literal in rule.clause.body.literals]
+            predicates = [literal.atom.predicate for literal in rule.clause.body.atom_literals]
 
             def visit(
                 search: Search,
@@ -249,7 +257,7 @@ class _HeadRows:
 
 
 def _groundings(rule: Rule, found: Sequence[tuple[int, ...]], atoms: int) -> Groundings:
-    literals = len(rule.clause.body.literals)
+    literals = len(rule.clause.body.atom_literals)
     table = np.array(found, dtype=np.intp).reshape(-1, literals + 1)
     heads, rows = table[:, 0].copy(), tuple(table[:, 1:].T.copy())
     return Groundings(rule, heads, rows, tuple(_pairs(heads, row, atoms) for row in rows))

@@ -6,8 +6,10 @@ they hold, and their bounds, are left to compute.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from sfol.arrays import Array, Backend
@@ -51,7 +53,10 @@ def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
 
 
 class _Evaluation:
-    """One evaluation of a batch; the bounds of concluded atoms are filled in stratum by stratum."""
+    """One evaluation of a batch; the bounds of concluded atoms are filled in stratum by stratum.
+
+    It is what its literals see as `sfol.literals.literal.BatchBounds`.
+    """
 
     def __init__(self, batch: Batch, backend: Backend) -> None:
         semantics: Semantics = batch.program.knowledge_base.semantics
@@ -59,11 +64,11 @@ class _Evaluation:
         self._disjunction: Operator = DISJUNCTIONS[semantics.disjunction]
         self._pools = semantics.pools
         self._batch = batch
-        self._backend = backend
+        self.backend = backend
         self._lower = backend.array(batch.lower)
         self._upper = backend.array(batch.upper)
         self._known = backend.array(batch.known)
-        self._supports = self._known & (self._upper > 0.0)  # what a positive literal may rest on
+        self._possible = self._known & (self._upper > 0.0)
 
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
@@ -74,16 +79,16 @@ class _Evaluation:
         disjuncts += [gather(rule, len(stratum.rows)) for rule in stratum.rules]
         concluded = self._either(disjuncts)
         if stratum.head in self._batch.program.read_heads:
-            rows = self._backend.array(stratum.rows)
-            self._lower = self._backend.put(self._lower, rows, concluded.lower)
-            self._upper = self._backend.put(self._upper, rows, concluded.upper)
-            self._known = self._backend.put(self._known, rows, concluded.known)
-            self._supports = self._known & (self._upper > 0.0)
+            rows = self.backend.array(stratum.rows)
+            self._lower = self.backend.put(self._lower, rows, concluded.lower)
+            self._upper = self.backend.put(self._upper, rows, concluded.upper)
+            self._known = self.backend.put(self._known, rows, concluded.known)
+            self._possible = self._known & (self._upper > 0.0)
         return concluded
 
     def by_scene(self, stratum: Stratum, bounds: Bounds) -> Bounds:
         """Return the bounds of the subject's atom in each scene; unknown where there is none."""
-        backend, size = self._backend, self._batch.size
+        backend, size = self.backend, self._batch.size
         chosen = stratum.scenes >= 0
         scenes = backend.array(stratum.scenes[chosen])
         numbers = backend.array(chosen.nonzero()[0])
@@ -94,64 +99,63 @@ class _Evaluation:
         )
 
     def _at(self, rows: Any) -> Bounds:
-        rows = self._backend.array(rows)
-        take = self._backend.take
+        rows = self.backend.array(rows)
+        take = self.backend.take
         return Bounds(take(self._lower, rows), take(self._upper, rows), take(self._known, rows))
 
-    def _literal(self, rule: Groundings, index: int, rows: Any) -> Bounds:
-        """Return a literal's bounds at some atoms."""
-        atoms = self._at(rows)
-        if not rule.rule.clause.body.literals[index].negated:
-            return atoms
-        where = self._backend.where
-        lower = where(atoms.known, 1.0 - atoms.upper, 1.0)
-        return Bounds(lower, where(atoms.known, 1.0 - atoms.lower, 1.0), atoms.known)
+    def lower(self, rows: Array) -> Array:
+        """Return the lower bounds of some atoms."""
+        return self.backend.take(self._lower, rows)
 
-    def _holds(self, rule: Groundings, index: int) -> Array:
-        """Tell under which substitutions a literal holds."""
-        take, rows = self._backend.take, self._backend.array(rule.rows[index])
-        if rule.rule.clause.body.literals[index].negated:
-            return self._literal(rule, index, rows).lower >= rule.rule.negation_threshold
-        holds = take(self._supports, rows)
-        threshold = rule.rule.threshold
-        return holds & (take(self._lower, rows) >= threshold) if threshold > 0.0 else holds
+    def upper(self, rows: Array) -> Array:
+        """Return the upper bounds of some atoms."""
+        return self.backend.take(self._upper, rows)
+
+    def known(self, rows: Array) -> Array:
+        """Tell which of some atoms are known."""
+        return self.backend.take(self._known, rows)
+
+    def possible(self, rows: Array) -> Array:
+        """Tell which of some atoms are known and have an upper bound above 0."""
+        return self.backend.take(self._possible, rows)
 
     def _satisfying(self, rule: Groundings) -> Array:
         """Tell which substitutions satisfy the body."""
-        satisfies = self._holds(rule, 0)
-        for index in range(1, len(rule.rows)):
-            satisfies = satisfies & self._holds(rule, index)
-        return satisfies
+        holds = (
+            literal.batch_holds(self, self.backend.array(rows), rule.rule)
+            for literal, rows in zip(rule.literals, rule.rows, strict=True)
+        )
+        return reduce(operator.and_, holds)
 
     def _pooled(self, rule: Groundings, heads: int) -> Bounds:
         """Combine each literal's distinct atoms, all together."""
-        backend, pool = self._backend, self._conjunction.pooled
+        backend, pool = self.backend, self._conjunction.pooled
         assert pool is not None  # a checked knowledge base pools only where that is defined
         satisfies = self._satisfying(rule)
         lower = upper = count = backend.full(heads, 0.0)
-        for index, pairs in enumerate(rule.pairs):
+        for literal, pairs in zip(rule.literals, rule.pairs, strict=True):
             used = backend.any_of(satisfies, backend.array(pairs.of), len(pairs.rows))
             groups = backend.array(pairs.heads)[used]
-            bounds = self._literal(rule, index, backend.array(pairs.rows)[used])
-            lower = lower + backend.sum_of(bounds.lower, groups, heads)
-            upper = upper + backend.sum_of(bounds.upper, groups, heads)
+            lowers, uppers = literal.batch_bounds(self, backend.array(pairs.rows)[used])
+            lower = lower + backend.sum_of(lowers, groups, heads)
+            upper = upper + backend.sum_of(uppers, groups, heads)
             count = count + backend.count_of(groups, heads)
         atoms = backend.maximum(count, 1.0)
         return Bounds(pool(lower, atoms), pool(upper, atoms), count > 0.0)
 
     def _best(self, rule: Groundings, heads: int) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
-        backend = self._backend
+        backend = self.backend
         satisfies = self._satisfying(rule)
         groups = backend.array(rule.heads)[satisfies]
-        literals = [
-            self._literal(rule, index, backend.array(rows)[satisfies])
-            for index, rows in enumerate(rule.rows)
+        bounds = [
+            literal.batch_bounds(self, backend.array(rows)[satisfies])
+            for literal, rows in zip(rule.literals, rule.rows, strict=True)
         ]
         known = backend.count_of(groups, heads) > 0.0
         ends = (
-            self._conjunction.elementwise([bounds.lower for bounds in literals]),
-            self._conjunction.elementwise([bounds.upper for bounds in literals]),
+            self._conjunction.elementwise([lower for lower, _ in bounds]),
+            self._conjunction.elementwise([upper for _, upper in bounds]),
         )
         lower, upper = (
             backend.where(known, backend.largest_of(end, groups, heads), 0.0) for end in ends
@@ -163,7 +167,7 @@ class _Evaluation:
         known = disjuncts[0].known
         for other in disjuncts[1:]:
             known = known | other.known
-        combine, where = self._disjunction.elementwise, self._backend.where
+        combine, where = self._disjunction.elementwise, self.backend.where
         return Bounds(
             combine([where(d.known, d.lower, 0.0) for d in disjuncts]),
             combine([where(d.known, d.upper, 0.0) for d in disjuncts]),

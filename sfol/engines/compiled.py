@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 
 from sfol.engines.conclusions import Conclusions
-from sfol.engines.matching import Search
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.tables import Tables
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.literals import Search
+from sfol.literals.search import Constants
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
 from sfol.syntax import Atom
 

@@ -9,10 +9,11 @@ from sfol.engines.compiled import CompiledEngine
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.tables import Tables
 from sfol.errors import UsageError, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.literals.search import Constants
 
 
 class Engine(Protocol):

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sfol.engines.matching import Criterion, Search, Step, chained, makers, visit
+from sfol.clauses import Body
+from sfol.engines.matching import chained, makers, visit
 from sfol.engines.support import Forest, Reduction, Support, grow
-from sfol.engines.tables import Constants, Substitution, Tables, ground
-from sfol.facts import TRUE, Bound
-from sfol.operators import negation
-from sfol.syntax import Atom, Body, Literal, is_variable, variables
+from sfol.engines.tables import Tables
+from sfol.literals import Criterion, Search, Step
+from sfol.literals.search import Constants
+from sfol.syntax import Atom, is_variable, variables
 
 
 @dataclass(frozen=True)
 class Plan:
     """How to find the substitutions that satisfy a body.
 
-    The body is compiled once into nested functions, one for each literal and guard, of which each
-    calls the next for every way in which it can hold.
+    The body is compiled once into nested functions, one for each literal, of which each calls the
+    next for every way in which it can hold.
 
     Attributes:
         body: the body itself.
@@ -39,18 +40,16 @@ class Plan:
         """Make the plan of a body.
 
         Args:
-            body: literals and guards; every variable stands in a positive literal or in `given`.
+            body: what must hold; every variable stands in a literal that binds or in `given`.
             criterion: when its literals hold.
             given: variables that have a value beforehand.
         """
-        terms = [term for literal in body.literals for term in literal.atom.arguments]
-        terms += [term for guard in body.guards for term in guard]
-        names = tuple(dict.fromkeys([*given, *variables(*terms)]))
-        constants = tuple(dict.fromkeys(term for term in terms if not is_variable(term)))
+        names = tuple(dict.fromkeys([*given, *variables(*body.terms)]))
+        constants = tuple(term for term in body.terms if not is_variable(term))
         slots = {term: slot for slot, term in enumerate((*names, *constants))}
         known = frozenset([*given, *constants])
         first = chained(makers(body, criterion, slots, known), visit)
-        needed = frozenset(lit.atom.predicate for lit in body.literals if not lit.negated)
+        needed = frozenset(lit.atom.predicate for lit in body.atom_literals if lit.binds)
         forest = grow(body, criterion, slots, known)
         return cls(body, names, len(given), constants, needed, first, forest)
 
@@ -66,7 +65,7 @@ class Plan:
             given: values of the variables that are given.
         """
         if tables.has_all(self._needed):
-            self._first(Search(tables, self._values(given), len(self.body.literals), visit))
+            self._first(Search(tables, self._values(given), len(self.body.atom_literals), visit))
 
     @property
     def branches(self) -> bool:
@@ -88,7 +87,9 @@ class Plan:
         """
         if not tables.has_all(self._needed):
             return {}
-        return self._forest.support(Reduction(tables, self._values(given), len(self.body.literals)))
+        return self._forest.support(
+            Reduction(tables, self._values(given), len(self.body.atom_literals))
+        )
 
     def _values(self, given: Sequence[str]) -> list[str]:
         return [*given, *("",) * (len(self.variables) - self.given), *self._constants]
@@ -111,11 +112,3 @@ class Plan:
         names = self.variables
         self.search(tables, lambda s: found.append(dict(zip(names, s.values, strict=False))), given)
         return found
-
-    def literal_bound(self, literal: Literal, tables: Tables, values: Substitution) -> Bound:
-        """Return the bound of a literal under a substitution that satisfies the body."""
-        bound = tables.bound(ground(literal.atom, values))
-        if literal.negated:
-            return TRUE if bound is None else negation(bound)
-        assert bound is not None
-        return bound

@@ -10,12 +10,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
 
-from sfol.engines.matching import Criterion, rule_criterion
+from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.errors import FactError, did_you_mean
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
+from sfol.literals import Criterion
 from sfol.syntax import is_variable
 
 

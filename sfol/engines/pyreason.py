@@ -32,20 +32,18 @@ from sfol.engines.compiled import CompiledEngine
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
-from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
+from sfol.engines.tables import Tables
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.operators import DISJUNCTIONS, negation
-from sfol.syntax import Atom, Guard, is_variable, variables
+from sfol.literals import Literal, QueryClause
+from sfol.literals.search import Constants, Rows
+from sfol.operators import DISJUNCTIONS
+from sfol.syntax import Atom, is_variable, variables
 
-_NOT = "not."
 _IS = "is."
-_DIFFERENT = "are.different"
 _RESERVED = "forall"
-
-Rows = Mapping[Constants, Bound]
 
 
 class PyReasonEngine:
@@ -75,6 +73,11 @@ class PyReasonEngine:
         self._kb = kb
         self._compiled = CompiledEngine(kb)
         self._levels = _levels(self.program)
+        self._readers = {
+            literal.query(rule).predicate: literal
+            for rule in kb.rules.values()
+            for literal in rule.clause.body.literals
+        }
         self._numbers = {name: number for number, name in enumerate(kb.rules)}
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -130,7 +133,7 @@ class PyReasonEngine:
         return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
-        scene = _Scene(self._kb, tables)
+        scene = _Scene(self._kb, tables, self._readers)
         queries = tuple(query for rule in rules for query in self._queries(rule, scene))
         read = dict.fromkeys(clause.predicate for query in queries for clause in query.body)
         # PyReason looks at its rules only once a fact has told it something, which [0, 1] does not.
@@ -196,12 +199,18 @@ class PyReasonEngine:
 
 
 class _Scene:
-    """What is known, with the predicates that queries need besides the knowledge base's own."""
+    """What is known, with the predicates that queries need besides the knowledge base's own.
 
-    def __init__(self, kb: KnowledgeBase, tables: Tables) -> None:
+    Args:
+        kb: the knowledge base.
+        tables: what is known.
+        readers: predicate of a query → a literal that is put to PyReason with it.
+    """
+
+    def __init__(self, kb: KnowledgeBase, tables: Tables, readers: Mapping[str, Literal]) -> None:
         self.domain = _domain(kb, tables)
-        self._kb = kb
         self._tables = tables
+        self._readers = readers
         self._rows: dict[str, Rows] = {}
 
     def rows(self, predicate: str) -> Rows:
@@ -216,37 +225,22 @@ class _Scene:
         return [arguments for arguments, bound in rows if bound.lower >= clause.threshold]
 
     def _make(self, predicate: str) -> Rows:
-        if predicate == _DIFFERENT:
-            return dict.fromkeys(itertools.permutations(self.domain, 2), TRUE)
         if predicate.startswith(_IS):
             return {(predicate.removeprefix(_IS),): TRUE}
-        if predicate.startswith(_NOT):
-            return self._complement(predicate.removeprefix(_NOT))
-        rows = self._tables.rows(predicate).items()
-        return {arguments: bound for arguments, bound in rows if bound.upper > 0}
-
-    def _complement(self, predicate: str) -> Rows:
-        rows = self._tables.rows(predicate)
-        arity = self._kb.predicates[predicate].arity
-        return {
-            arguments: negation(rows[arguments]) if arguments in rows else TRUE
-            for arguments in itertools.product(self.domain, repeat=arity)
-        }
+        return self._readers[predicate].query_rows(self._tables, self.domain)
 
 
 def _query_body(rule: Rule) -> list[QueryClause]:
-    """Return the literals and guards of a rule as clauses that PyReason understands."""
-    body = rule.clause.body
-    clauses = [
-        QueryClause(f"{_NOT}{atom.predicate}", atom.arguments, rule.negation_threshold)
-        if negated
-        else QueryClause(atom.predicate, atom.arguments, rule.threshold)
-        for atom, negated in body.literals
+    """Return the literals of a rule as clauses that PyReason understands."""
+    clauses = [literal.query(rule) for literal in rule.clause.body.literals]
+    pairs = {clause.terms for clause in clauses if not clause.symmetric}
+    # What has no direction takes that of a literal which joins the same two terms.
+    return [
+        clause._replace(terms=clause.terms[::-1])
+        if clause.symmetric and clause.terms not in pairs
+        else clause
+        for clause in clauses
     ]
-    pairs = {clause.terms for clause in clauses}
-    # Difference has no direction: where a literal joins the same two terms, it takes the literal's.
-    turned = [guard if tuple(guard) in pairs else guard[::-1] for guard in body.guards]
-    return [*clauses, *(QueryClause(_DIFFERENT, tuple(terms), 1.0, False) for terms in turned)]
 
 
 def _head_values(
@@ -361,13 +355,9 @@ def _levels(program: Program) -> list[list[Rule]]:
 
 def _domain(kb: KnowledgeBase, tables: Tables) -> Constants:
     """Return every constant: those of facts, the subject and those that only rules name."""
-    atoms = [atom for atom, _ in tables.items()]
-    guards: list[Guard] = []
+    terms = {kb.subject, *(term for atom, _ in tables.items() for term in atom.arguments)}
     for rule in kb.rules.values():
-        atoms += [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
-        guards += rule.clause.body.guards
-    terms = {kb.subject, *(term for atom in atoms for term in atom.arguments)}
-    terms |= {term for guard in guards for term in guard}
+        terms.update(rule.clause.head.arguments, rule.clause.body.terms)
     return tuple(sorted(term for term in terms if not is_variable(term)))
 
 

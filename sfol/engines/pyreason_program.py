@@ -6,28 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sfol.engines.tables import Constants
 from sfol.facts import Bound
+from sfol.literals import QueryClause
+from sfol.literals.search import Constants
 from sfol.syntax import Atom
-
-
-class QueryClause(NamedTuple):
-    """One clause in the body of a query.
-
-    Attributes:
-        predicate: as PyReason knows it.
-        terms: variables and constants, one or two.
-        threshold: the least lower bound.
-        counts: whether its bounds take part in the conjunction.
-    """
-
-    predicate: str
-    terms: Constants
-    threshold: float
-    counts: bool = True
-
-    def __str__(self) -> str:
-        return f"{self.predicate}({','.join(self.terms)}):[{self.threshold!r},1]"
 
 
 class Query(NamedTuple):

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from sfol.engines.pyreason_program import Query, QueryClause, Script, TraceRow, joined
+from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
 from sfol.errors import UsageError, missing_extra
 from sfol.facts import Bound
+from sfol.literals import QueryClause
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
 from sfol.syntax import Atom
 

@@ -17,21 +17,21 @@ from functools import cached_property, partial
 from itertools import count
 from typing import NamedTuple
 
+from sfol.clauses import Body
 from sfol.engines.matching import (
+    Binder,
     Condition,
-    Criterion,
-    Indexed,
-    Search,
-    Step,
+    binders,
     chained,
     conditions,
     matcher,
-    next_literals,
-    positive_literals,
+    next_binders,
 )
-from sfol.engines.tables import Constants, Tables
+from sfol.engines.tables import Tables
 from sfol.facts import Bound
-from sfol.syntax import Body, is_variable
+from sfol.literals import Criterion, Search, Step
+from sfol.literals.search import Constants
+from sfol.syntax import is_variable
 
 Support = dict[tuple[int, Constants], Bound]
 
@@ -56,8 +56,8 @@ class Reduction(Search):
 
     __slots__ = ("matches", "open")
 
-    def __init__(self, tables: Tables, values: list[str], literals: int) -> None:
-        super().__init__(tables, values, literals, visit=lambda search: None)
+    def __init__(self, tables: Tables, values: list[str], atoms: int) -> None:
+        super().__init__(tables, values, atoms, visit=lambda search: None)
         self.matches: dict[_Key, list[_Match]] = {}
         self.open: dict[int, list[_Match]] = {}
 
@@ -140,21 +140,21 @@ def grow(
     """Cut a body into parts.
 
     Args:
-        body: literals and guards.
+        body: what must hold.
         criterion: when literals hold.
         slots: where in `Search.values` each term stands.
         given: the terms that have a value beforehand, constants included.
     """
-    grower = _Grower(criterion, slots, given)
-    items: list[_Item] = [*positive_literals(body), *conditions(body, criterion, slots)]
+    grower = _Grower(slots, given)
+    items: list[_Item] = [*binders(body, criterion), *conditions(body, criterion, slots)]
     return Forest(tuple(grower.parts(items, given)))
 
 
-_Item = Indexed | Condition
+_Item = Binder | Condition
 
 
 def _terms(item: _Item) -> frozenset[str]:
-    return item.terms if isinstance(item, Condition) else frozenset(item[1].arguments)
+    return item.terms if isinstance(item, Condition) else frozenset(item.atom.arguments)
 
 
 def _keep(
@@ -171,10 +171,7 @@ def _keep(
 class _Grower:
     """Numbers the parts of one body."""
 
-    def __init__(
-        self, criterion: Criterion, slots: Mapping[str, int], given: frozenset[str]
-    ) -> None:
-        self._criterion = criterion
+    def __init__(self, slots: Mapping[str, int], given: frozenset[str]) -> None:
         self._slots = slots
         self._given = given
         self._numbers = count()
@@ -183,21 +180,21 @@ class _Grower:
         return (self._part(group, known) for group in _components(items, known))
 
     def _part(self, items: Sequence[_Item], known: frozenset[str]) -> Part:
-        literals = [item for item in items if not isinstance(item, Condition)]
+        waiting = [item for item in items if not isinstance(item, Condition)]
         pending = [item for item in items if isinstance(item, Condition)]
         varying = known - self._given
-        chosen = next_literals(literals, known, varying) if literals else ()
-        bound = known.union(term for _, atom in chosen for term in atom.arguments)
+        chosen = next_binders(waiting, known, varying) if waiting else ()
+        bound = known.union(term for binder in chosen for term in binder.atom.arguments)
         ready = [condition for condition in pending if condition.terms <= bound]
-        seen = [lit for lit in literals if lit not in chosen and bound >= set(lit[1].arguments)]
-        rest = [item for item in items if item not in (*chosen, *seen, *ready)]
+        seen = [b for b in waiting if b not in chosen and bound >= set(b.atom.arguments)]
+        here: list[_Item] = [*chosen, *seen, *ready]
+        rest = [item for item in items if item not in here]
         number, own = next(self._numbers), self._places(bound - known)
         parts = tuple(self.parts(rest, bound))
-        makers = [matcher(chosen, self._criterion, self._slots, known)] if chosen else []
-        makers += [matcher([literal], self._criterion, self._slots, bound) for literal in seen]
+        makers = [matcher(chosen, self._slots, known)] if chosen else []
+        makers += [matcher([binder], self._slots, bound) for binder in seen]
         makers += [condition.make for condition in ready]
-        matched = [i for i, _ in (*chosen, *seen)]
-        matched += [condition.literal for condition in ready if condition.literal is not None]
+        matched = [item.number for item in here if item.number is not None]
         named = {term for item in items for term in _terms(item)}
         return Part(
             number=number,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from sfol.errors import FactError
 from sfol.facts import TRUE, Bound, Facts, Relation
+from sfol.literals.search import Constants, Row
 from sfol.syntax import Atom
-
-Constants = tuple[str, ...]
-Row = tuple[Constants, Bound]
-Substitution = Mapping[str, str]
 
 _EMPTY: Relation = {}
 
@@ -76,8 +73,3 @@ class Tables:
     def put(self, atom: Atom, bound: Bound) -> None:
         """Add a conclusion. No index of its predicate exists yet: strata go in order."""
         self._relations.setdefault(atom.predicate, {})[atom.arguments] = bound
-
-
-def ground(atom: Atom, values: Substitution) -> Atom:
-    """Replace the variables of an atom by their values."""
-    return Atom(atom.predicate, tuple(values.get(term, term) for term in atom.arguments))

@@ -2,7 +2,7 @@
 
 `format` is what a user may write, `loading` reads files and what they extend, `checking` finds what
 is wrong, `model` is what the rest of sfol works with; `printing`, `tables_view`, `formatting` and
-`schema` turn it back into text. May import sfol's ground (errors, syntax, facts, formula,
+`schema` turn it back into text. May import sfol's ground (errors, syntax, clauses, facts, formula,
 operators, writing) and nothing above. Others import the names below from here, and functions from
 their modules.
 """

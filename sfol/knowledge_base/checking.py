@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from typing import TypeVar
 
+from sfol.clauses import Body, parse_clause, parse_condition
 from sfol.errors import (
+    MAXIMUM_ERRORS,
     ClauseError,
     InvalidKnowledgeBase,
     KnowledgeBaseError,
@@ -37,11 +39,8 @@ from sfol.knowledge_base.parts import (
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
-    Body,
     is_name,
     is_variable,
-    parse_clause,
-    parse_condition,
     parse_ground_atom,
     parse_signature,
     variables,
@@ -203,6 +202,14 @@ class _Checker:
         if formula is None:
             return None
         self._parsed(path, formula.check_names, {*signals, *entry.parameters})
+        for parameter in entry.parameters:
+            if parameter not in formula.names:
+                self._report(
+                    ("terms", name, "parameters", parameter),
+                    f"the formula of '{name}' does not use the parameter '{parameter}'",
+                    parameter,
+                    did_you_mean(parameter, formula.names.difference(signals)),
+                )
         return RewardTerm(name, entry.weight, formula, entry.parameters, entry.description)
 
     # -- rules --------------------------------------------------------------------------------
@@ -243,19 +250,12 @@ class _Checker:
         must_bind: tuple[str, ...],
     ) -> None:
         offsets = dict(reversed(body.offsets))
-        if not body.literals:
+        if not body.atom_literals:
             self._report(path, "the body has guards and no literal", str(body))
-        for literal in body.literals:
-            offset = offsets.get(literal.atom.predicate, 0)
-            self._check_atom(path, literal.atom, predicates, offset)
-        positive = (literal.atom.arguments for literal in body.literals if not literal.negated)
-        bound = {term for arguments in positive for term in arguments}
-        checked = (
-            *must_bind,
-            *(term for lit in body.literals if lit.negated for term in lit.atom.arguments),
-            *(term for guard in body.guards for term in guard),
-        )
-        for variable in variables(*checked):
+        for atom in (atom for literal in body.literals for atom in literal.atoms):
+            self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
+        bound = body.bound_variables
+        for variable in variables(*must_bind, *body.terms):
             if variable not in bound:
                 self._report(
                     path,
@@ -377,7 +377,7 @@ class _Checker:
         except SfolError as error:
             offset = error.offset if isinstance(error, ClauseError) else 0
             place = self._place_of(path, offset)
-            self._errors.append(error.at(place) if place else error)
+            self._add(error.at(place) if place else error)
             return None
 
     def _report(
@@ -389,9 +389,12 @@ class _Checker:
         offset: int = 0,
     ) -> None:
         place = self._place_of(path, offset)
-        self._errors.append(
-            KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place)
-        )
+        self._add(KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place))
+
+    def _add(self, error: SfolError) -> None:
+        self._errors.append(error)
+        if len(self._errors) == MAXIMUM_ERRORS:  # the rest of a large file would take long
+            raise InvalidKnowledgeBase(self._errors)
 
     def _unknown(
         self,

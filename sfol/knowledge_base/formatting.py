@@ -15,13 +15,14 @@ from typing import NamedTuple
 import yaml
 
 from sfol.knowledge_base.positions import Entry, entries
+from sfol.syntax import OPERATORS
 
 _PIECE = re.compile(
     r"(?P<comment>[%#][^\r\n]*)"
     r"|(?P<blank>[ \t]+)"
     r"|(?P<break>\s+)"
     r"|(?P<word>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
-    r"|(?P<mark>:-|!=|.)"
+    rf"|(?P<mark>{'|'.join(map(re.escape, OPERATORS))}|.)"
 )
 
 
@@ -81,7 +82,7 @@ def _gap(left: _Piece, right: _Piece, blank: str) -> str:
     if left.text in ("(", "[") or right.text in ("(", ")", "]", ",", ".", ":"):
         return ""
     words = left.kind == right.kind == "word"
-    spaced = left.text in (",", ":", ".", ":-", "!=") or right.text in (":-", "!=")
+    spaced = left.text in (",", ":", ".", *OPERATORS) or right.text in OPERATORS
     return " " if words or spaced else ""
 
 

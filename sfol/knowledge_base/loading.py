@@ -1,8 +1,8 @@
 """YAML files → a checked knowledge base: safe, strict, with file, line and column on every error.
 
-Loading reads text and builds plain data. It runs no code, follows no path that a file names
-outside its own folder and the bundled knowledge bases, and stops at fixed limits of size, depth
-and number of values, so that no file can make it hang.
+Loading runs no code and follows no path that a file names outside its own folder and the bundled
+knowledge bases. Each file's shape is checked before anything is read from its data; then the files
+of a chain are merged, and the whole is checked.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
-from sfol.errors import InvalidKnowledgeBase, KnowledgeBaseError, Place, SfolError, did_you_mean
+from sfol import strict_yaml
+from sfol.errors import (
+    MAXIMUM_ERRORS,
+    FileError,
+    InvalidKnowledgeBase,
+    KnowledgeBaseError,
+    Place,
+    SfolError,
+    did_you_mean,
+)
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
 from sfol.knowledge_base.parts import Parts
-
-MAXIMUM_BYTES = 1_000_000
-MAXIMUM_DEPTH = 20
-MAXIMUM_VALUES = 50_000
-
-Keys = tuple[str | int, ...]
+from sfol.strict_yaml import Document, Keys, Places
 
 _NAME = re.compile(r"[a-z0-9_]+(/[a-z0-9_]+)*\Z")
 _SUFFIXES = (".yaml", ".yml")
-# YAML 1.1 takes 1e-3 for a text, since it has no point; people mean a number.
-_FLOAT_WITHOUT_POINT = re.compile(r"[+-]?\d+[eE][+-]?\d+\Z")
 # What describes one file alone and is not handed on to a file that extends it.
 _OWN_SECTIONS = ("extends", "remove", "tests", "description")
 
@@ -68,6 +69,8 @@ def load(*sources: str | Path, sections: Mapping[str, type[BaseModel]] | None = 
     try:
         chain = _chain([_path_of(source) for source in sources])
         merged = _merge(chain)
+    except InvalidKnowledgeBase:
+        raise
     except SfolError as error:
         raise InvalidKnowledgeBase([error]) from None
     errors = _section_errors(merged, sections or {})
@@ -106,12 +109,12 @@ def _bundled(name: str, place: Place | None) -> Path:
     return path
 
 
-def _chain(paths: Sequence[Path]) -> list[_Document]:
+def _chain(paths: Sequence[Path]) -> list[Document]:
     """Return the files in the order in which they apply: bases first, each once."""
-    done: dict[Path, _Document] = {}
+    done: dict[Path, Document] = {}
 
     def visit(path: Path, above: tuple[Path, ...], place: Place | None) -> None:
-        real = path.resolve()
+        real = _real(path)
         if real in above:
             names = " → ".join(p.stem for p in (*above[above.index(real) :], real))
             raise KnowledgeBaseError(
@@ -120,7 +123,7 @@ def _chain(paths: Sequence[Path]) -> list[_Document]:
         if real in done:
             return
         document = _read(path)
-        for base, base_place in document.bases():
+        for base, base_place in _bases(document):
             visit(_base_path(base, path.parent, base_place), (*above, real), base_place)
         done[real] = document
 
@@ -129,7 +132,16 @@ def _chain(paths: Sequence[Path]) -> list[_Document]:
     return list(done.values())
 
 
-def _base_path(name: str, folder: Path, place: Place) -> Path:
+def _real(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a name with a null character
+        raise FileError(
+            "the file can't be read: its name leads nowhere", name=path.name, place=Place(str(path))
+        ) from None
+
+
+def _base_path(name: str, folder: Path, place: Place | None) -> Path:
     if not _NAME.match(name):
         raise KnowledgeBaseError(
             f"'{name}' can't be extended",
@@ -144,168 +156,47 @@ def _base_path(name: str, folder: Path, place: Place) -> Path:
 # -- one file -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Spot:
-    """Where a key and its value stand in a file."""
-
-    file: str
-    source: str
-    key: yaml.Mark
-    value: yaml.Node
-
-    def place(self, offset: int, of_key: bool) -> Place:
-        """Return the place of the key, or of the value's character at an offset."""
-        mark = self.key if of_key else self.value.start_mark
-        if of_key or not isinstance(self.value, yaml.ScalarNode):
-            return Place(self.file, mark.line + 1, mark.column + 1)
-        index = self._index(offset)
-        line_start = self.source.rfind("\n", 0, index) + 1
-        return Place(self.file, self.source.count("\n", 0, index) + 1, index - line_start + 1)
-
-    def _index(self, offset: int) -> int:
-        """Return the index in the file of a character of the value.
-
-        A scalar's value and its source differ in quotes, block marks and white space only, so
-        the n-th visible character of the one is the n-th of the other.
-        """
-        start, end = self.value.start_mark.index, self.value.end_mark.index
-        while start < end and self.source[start] in "|>'\"+-0123456789 \t\r\n":
-            if self.source[start] == self.value.value[:1]:
-                break
-            start += 1
-        visible = sum(not c.isspace() for c in self.value.value[:offset])
-        for index in range(start, end):
-            if self.source[index].isspace():
-                continue
-            if visible == 0:
-                return index
-            visible -= 1
-        return min(start, len(self.source))
-
-
-@dataclass(frozen=True)
-class _Document:
-    """The data of one file, and where each part of it stands."""
-
-    file: str
-    data: dict[str, Any]
-    spots: dict[Keys, _Spot]
-
-    def bases(self) -> Iterator[tuple[str, Place]]:
-        extends = self.data.get("extends", [])
-        for index, name in enumerate([extends] if isinstance(extends, str) else extends):
-            path: Keys = ("extends",) if isinstance(extends, str) else ("extends", index)
-            if not isinstance(name, str):
-                raise KnowledgeBaseError(
-                    f"'{name}' in extends is not a name", place=self.spots[path].place(0, False)
-                )
-            yield name, self.spots[path].place(0, False)
-
-
-def _read(path: Path) -> _Document:
-    file = str(path)
-    text = _text_of(path)
+def _read(path: Path) -> Document:
+    """Return a file whose shape is that of a knowledge base, though parts may be missing."""
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-    except yaml.YAMLError as error:
-        raise _broken_yaml(file, error) from None
-    except RecursionError:
-        raise KnowledgeBaseError("the file is nested too deeply", place=Place(file)) from None
-    if not isinstance(node, yaml.MappingNode):
-        raise KnowledgeBaseError(
-            "the file is not a knowledge base",
-            suggestion="it begins with 'version: 1' and 'name: …'",
-            place=Place(file, 1, 1),
-        )
-    builder = _Builder(file, text)
-    data = builder.build(node, ())
-    return _Document(file, data, builder.spots)
-
-
-def _text_of(path: Path) -> str:
-    place = Place(str(path))
-    try:
-        if path.stat().st_size > MAXIMUM_BYTES:
-            raise KnowledgeBaseError(
-                f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
-            )
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise KnowledgeBaseError(f"the file is not UTF-8 text: {error}", place=place) from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise KnowledgeBaseError(
-            f"the file can't be read: {reason}",
-            name=path.name,
-            suggestion=did_you_mean(path.stem, bundled_names()) if not path.exists() else None,
-            place=place,
+        document = strict_yaml.read(path)
+    except FileError as error:
+        if error.suggestion or path.exists():
+            raise
+        raise FileError(
+            error.message,
+            name=error.name,
+            suggestion=did_you_mean(path.stem, bundled_names()),
+            place=error.place,
         ) from None
+    errors = _shape_errors(document)
+    if errors:
+        raise InvalidKnowledgeBase(errors)
+    return document
 
 
-def _broken_yaml(file: str, error: yaml.YAMLError) -> KnowledgeBaseError:
-    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-    place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
-    return KnowledgeBaseError(f"this is not YAML: {problem}", place=place)
+def _shape_errors(document: Document) -> list[KnowledgeBaseError]:
+    """Return what is wrong with a file whatever it extends; what it lacks may stand in its base."""
+    try:
+        KnowledgeBaseFile.model_validate(document.data)
+    except ValidationError as invalid:
+        wrong = [error for error in invalid.errors() if error["type"] != "missing"]
+        return _in_our_words(wrong, document.places)
+    return []
 
 
-class _Builder:
-    """Turns YAML nodes into plain data and notes where each part stands."""
+def _bases(document: Document) -> Iterator[tuple[str, Place | None]]:
+    extends = document.data.get("extends", [])
+    if isinstance(extends, str):
+        yield extends, _value_place(document, ("extends",))
+        return
+    for index, name in enumerate(extends):
+        yield name, _value_place(document, ("extends", index))
 
-    def __init__(self, file: str, source: str) -> None:
-        self.spots: dict[Keys, _Spot] = {}
-        self._file = file
-        self._source = source
-        self._scalars = yaml.constructor.SafeConstructor()
-        self._count = 0
 
-    def build(self, node: yaml.Node, path: Keys) -> Any:
-        self._count += 1
-        if self._count > MAXIMUM_VALUES or len(path) > MAXIMUM_DEPTH:
-            # Also the end of alias bombs and of anchors that contain themselves.
-            raise self._error(node, "the file has too many values, or is nested too deeply")
-        if isinstance(node, yaml.MappingNode):
-            return self._mapping(node, path)
-        if isinstance(node, yaml.SequenceNode):
-            return [
-                self._noted((*path, index), child, child.start_mark)
-                for index, child in enumerate(node.value)
-            ]
-        assert isinstance(node, yaml.ScalarNode)
-        return self._scalar(node)
-
-    def _noted(self, path: Keys, node: yaml.Node, key: yaml.Mark) -> Any:
-        self.spots[path] = _Spot(self._file, self._source, key, node)
-        return self.build(node, path)
-
-    def _mapping(self, node: yaml.MappingNode, path: Keys) -> dict[str, Any]:
-        data: dict[str, Any] = {}
-        for key_node, child in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise self._error(key_node, "a key must be a name")
-            key = key_node.value
-            if key in data:
-                raise self._error(key_node, f"the key '{key}' stands twice", key)
-            data[key] = self._noted((*path, key), child, key_node.start_mark)
-        return data
-
-    def _scalar(self, node: yaml.ScalarNode) -> str | int | float | bool | None:
-        kind = node.tag.rpartition(":")[2]
-        if kind == "str" and node.style is None and _FLOAT_WITHOUT_POINT.match(node.value):
-            return float(node.value)
-        if kind not in ("str", "int", "float", "bool", "null"):
-            raise self._error(node, f"values of the kind '{node.tag}' are not allowed", node.value)
-        try:
-            value: str | int | float | bool | None = self._scalars.construct_object(node)
-        except (ValueError, yaml.YAMLError):
-            raise self._error(node, f"'{node.value}' is not a value") from None
-        return value
-
-    def _error(self, node: yaml.Node, message: str, name: str | None = None) -> KnowledgeBaseError:
-        mark = node.start_mark
-        return KnowledgeBaseError(
-            message, name=name, place=Place(self._file, mark.line + 1, mark.column + 1)
-        )
+def _value_place(document: Document, path: Keys) -> Place | None:
+    spot = document.places.find(path)
+    return spot.of_value() if spot else None
 
 
 # -- several files ------------------------------------------------------------------------------
@@ -313,10 +204,18 @@ class _Builder:
 
 @dataclass
 class _Merged:
-    """The files of a chain applied one after the other."""
+    """The files of a chain applied one after the other.
+
+    Attributes:
+        data: as one file would have it.
+        places: where each part of it stands; the tree has the shape of the data.
+        predicates: name → key of the section, which has the variables too.
+        removed_heads: heads that lost rules to an overlay.
+    """
 
     data: dict[str, Any] = field(default_factory=dict)
-    spots: dict[Keys, _Spot] = field(default_factory=dict)
+    places: Places = field(default_factory=Places)
+    predicates: dict[str, str] = field(default_factory=dict)
     removed_heads: set[str] = field(default_factory=set)
 
     def place_of(self, path: Keys, offset: int = 0) -> Place | None:
@@ -324,24 +223,21 @@ class _Merged:
 
         Texts such as rules are located by their value, all else by its key.
         """
-        while path and path not in self.spots:
-            path = path[:-1]
-        if not path:
-            return None
-        spot = self.spots[path]
-        is_text = isinstance(spot.value, yaml.ScalarNode) and spot.value.tag.endswith(":str")
-        return spot.place(offset, of_key=path[0] == "predicates" or not is_text)
-
-    def key_place(self, path: Keys) -> Place | None:
-        """Return where the key of a path stands, if the path is known."""
-        return self.spots[path].place(0, of_key=True) if path in self.spots else None
+        return _place_of(self.places, path, offset)
 
 
-def _merge(chain: Sequence[_Document]) -> _Merged:
+def _place_of(places: Places, path: Keys, offset: int = 0) -> Place | None:
+    spot = places.nearest(path)
+    if spot is None:
+        return None
+    return spot.of_value(offset) if spot.is_text and path[0] != "predicates" else spot.of_key()
+
+
+def _merge(chain: Sequence[Document]) -> _Merged:
     merged = _Merged()
     for document in chain:
         for section in _OWN_SECTIONS:
-            _drop(merged, (section,))
+            _drop(merged.data, merged.places, section)
         _remove(merged, document)
         _apply(merged, document)
     remaining = {_head_of(rule) for rule in merged.data.get("rules", {}).values()}
@@ -349,72 +245,71 @@ def _merge(chain: Sequence[_Document]) -> _Merged:
     return merged
 
 
-def _remove(merged: _Merged, document: _Document) -> None:
-    removals = document.data.get("remove", {})
-    if not isinstance(removals, dict):
-        return  # the model of the file reports it
-    for section, names in removals.items():
-        for index, name in enumerate(names if isinstance(names, list) else []):
-            existing = merged.data.get(section, {})
-            key = _existing_key(section, name, existing)
+def _remove(merged: _Merged, document: Document) -> None:
+    for section, names in document.data.get("remove", {}).items():
+        entries = merged.data.get(section, {})
+        for index, name in enumerate(names):
+            key = _existing_key(merged, section, name)
             if key is None:
                 raise KnowledgeBaseError(
                     f"there is no '{name}' in {section} to remove",
-                    name=str(name),
-                    suggestion=did_you_mean(str(name), map(_predicate_name, existing)),
-                    place=document.spots["remove", section, index].place(0, of_key=False),
+                    name=name,
+                    suggestion=did_you_mean(name, map(_predicate_name, entries)),
+                    place=_value_place(document, ("remove", section, index)),
                 )
             if section == "rules":
-                merged.removed_heads.add(_head_of(existing[key]))
-            _drop(merged, (section, key))
+                merged.removed_heads.add(_head_of(entries[key]))
+            _remove_entry(merged, section, key)
 
 
-def _apply(merged: _Merged, document: _Document) -> None:
-    def put(target: dict[str, Any], key: str, value: Any, path: Keys) -> None:
-        old = target.get(key)
-        if isinstance(old, dict) and isinstance(value, dict) and path[:1] != ("rules",):
-            _note(merged, document, path)
-            for inner, content in value.items():
-                put(old, inner, content, (*path, inner))
-            return
-        _drop(merged, path)
-        target[key] = value
-        for known in [known for known in document.spots if known[: len(path)] == path]:
-            _note(merged, document, known)
-
+def _apply(merged: _Merged, document: Document) -> None:
     for section, content in document.data.items():
-        if section in ("rules", "predicates") and isinstance(content, dict):
-            entries = merged.data.setdefault(section, {})
-            _note(merged, document, (section,))
-            for key, value in content.items():
-                replaced = _existing_key(section, key, entries)
-                if replaced is not None and replaced not in content:
-                    _drop(merged, (section, replaced))
-                put(entries, key, value, (section, key))
-        else:
-            put(merged.data, section, content, (section,))
+        if section == "predicates":
+            _replace_predicates(merged, content)
+        if section == "rules":  # a rule is replaced whole, its description too
+            for name in content:
+                _drop(merged.data.get("rules", {}), merged.places.below.get("rules"), name)
+        _put(merged.data, merged.places, section, content, document.places.below[section])
 
 
-def _note(merged: _Merged, document: _Document, path: Keys) -> None:
-    merged.spots[path] = document.spots[path]
+def _replace_predicates(merged: _Merged, content: Mapping[str, str]) -> None:
+    for key in content:
+        replaced = _existing_key(merged, "predicates", key)
+        if replaced is not None and replaced not in content:
+            _remove_entry(merged, "predicates", replaced)
+        merged.predicates[_predicate_name(key)] = key
 
 
-def _drop(merged: _Merged, path: Keys) -> None:
-    content: Any = merged.data
-    for key in path[:-1]:
-        content = content.get(key, {})
-    if isinstance(content, dict):
-        content.pop(path[-1], None)
-    for known in [known for known in merged.spots if known[: len(path)] == path]:
-        del merged.spots[known]
+def _put(data: dict[str, Any], places: Places, key: str, value: Any, value_places: Places) -> None:
+    """Set an entry; of two mappings the entries are set one by one."""
+    old = data.get(key)
+    if not (isinstance(old, dict) and isinstance(value, dict)):
+        _drop(data, places, key)  # so that what replaces it stands at the end
+        data[key], places.below[key] = value, value_places
+        return
+    below = places.below[key]
+    below.spot = value_places.spot
+    for inner, content in value.items():
+        _put(old, below, inner, content, value_places.below[inner])
 
 
-def _existing_key(section: str, name: object, entries: Mapping[str, Any]) -> str | None:
+def _drop(data: dict[str, Any], places: Places | None, key: str) -> None:
+    data.pop(key, None)
+    if places:
+        places.below.pop(key, None)
+
+
+def _remove_entry(merged: _Merged, section: str, key: str) -> None:
+    _drop(merged.data[section], merged.places.below[section], key)
+    if section == "predicates":
+        del merged.predicates[_predicate_name(key)]
+
+
+def _existing_key(merged: _Merged, section: str, name: str) -> str | None:
     """Return the key of an entry; a predicate is the same whatever its variables are called."""
-    if section != "predicates":
-        return name if isinstance(name, str) and name in entries else None
-    wanted = _predicate_name(str(name))
-    return next((key for key in entries if _predicate_name(key) == wanted), None)
+    if section == "predicates":
+        return merged.predicates.get(_predicate_name(name))
+    return name if name in merged.data.get(section, {}) else None
 
 
 def _predicate_name(signature: str) -> str:
@@ -431,8 +326,8 @@ def _head_of(rule: Any) -> str:
 def _validated(merged: _Merged) -> KnowledgeBaseFile:
     try:
         return KnowledgeBaseFile.model_validate(merged.data)
-    except ValidationError as error:
-        raise InvalidKnowledgeBase([_of_pydantic(e, merged) for e in error.errors()]) from None
+    except ValidationError as invalid:
+        raise InvalidKnowledgeBase(_in_our_words(invalid.errors(), merged.places)) from None
 
 
 def _section_errors(
@@ -441,41 +336,71 @@ def _section_errors(
     grounding = merged.data.get("grounding", {})
     errors = []
     for name, model in sections.items():
-        if not isinstance(grounding, dict) or name not in grounding:
+        if name not in grounding:
             continue
         try:
             model.model_validate(grounding[name])
-        except ValidationError as error:
-            path = ("grounding", name)
-            errors += [_of_pydantic(e, merged, path, model) for e in error.errors()]
+        except ValidationError as invalid:
+            above = ("grounding", name)
+            errors += _in_our_words(invalid.errors(), merged.places, above, model)
     return errors
 
 
-def _of_pydantic(
-    error: Any, merged: _Merged, above: Keys = (), model: type[BaseModel] = KnowledgeBaseFile
-) -> KnowledgeBaseError:
-    """Say in our words, with a place, what pydantic found wrong below a path of keys."""
+def _in_our_words(
+    errors: Sequence[Any],
+    places: Places,
+    above: Keys = (),
+    model: type[BaseModel] = KnowledgeBaseFile,
+) -> list[KnowledgeBaseError]:
+    """Return what pydantic found wrong below a path of keys: one error for each place."""
+    first: dict[Keys, Any] = {}
+    for error in errors:
+        # Where several kinds are allowed, pydantic complains once for each of them.
+        first.setdefault((error["type"] == "missing", *_path_of_error(error, places, above)), error)
+    return [_of_pydantic(e, places, above, model) for e in [*first.values()][:MAXIMUM_ERRORS]]
+
+
+def _path_of_error(error: Any, places: Places, above: Keys) -> Keys:
+    """Return the keys that lead to an error, without those that name one of several kinds."""
     path: Keys = (*above, *error["loc"])
+    if error["type"] in ("missing", "extra_forbidden"):
+        return path
+    known = 0
+    while known < len(path) and places.find(path[: known + 1]) is not None:
+        known += 1
+    return path[: max(known, len(above))] or path
+
+
+def _of_pydantic(
+    error: Any, places: Places, above: Keys, model: type[BaseModel]
+) -> KnowledgeBaseError:
+    path = _path_of_error(error, places, above)
     name = str(path[-1])
     parent = f" in {'.'.join(map(str, path[:-1]))}" if path[1:] else ""
     if error["type"] == "extra_forbidden":
+        spot = places.find(path)
         return KnowledgeBaseError(
             f"unknown key '{name}'{parent}",
             name=name,
             suggestion=did_you_mean(name, _fields_at(model, error["loc"][:-1])),
-            place=merged.key_place(path),
+            place=spot.of_key() if spot else None,
         )
     if error["type"] == "missing":
-        place = merged.place_of(path[:-1]) or _first_place(merged)
+        place = _place_of(places, path[:-1]) or _first_place(places)
         return KnowledgeBaseError(f"the key '{name}' is missing{parent}", name=name, place=place)
     message = f"{'.'.join(map(str, path))}: {error['msg'][:1].lower()}{error['msg'][1:]}"
     if not isinstance(error["input"], dict | list):
-        message += f", not {error['input']!r}"
-    return KnowledgeBaseError(message, name=name, place=merged.place_of(path))
+        message += f", not {_short(error['input'])}"
+    return KnowledgeBaseError(message, name=name, place=_place_of(places, path))
 
 
-def _first_place(merged: _Merged) -> Place | None:
-    spot = next(iter(merged.spots.values()), None)
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}…"
+
+
+def _first_place(places: Places) -> Place | None:
+    spot = next((below.spot for below in places.below.values()), None)
     return Place(spot.file, 1, 1) if spot else None
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from sfol.clauses import Body, Clause
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Weight
-from sfol.syntax import Atom, Body, Clause
+from sfol.syntax import Atom
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
 from typing import cast
 
+from sfol.clauses import parse_clause
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
-from sfol.syntax import Atom, is_variable, parse_clause
+from sfol.syntax import Atom, is_variable
 
 TOLERANCE = 1e-9
 
@@ -51,8 +52,8 @@ def names_change_nothing(reward: RewardFunction, facts: Facts, random: Random) -
     free = [name for name in facts.entities() if name not in _named(reward.kb)]
     numbers = random.sample(range(len(free)), k=len(free))
     new = {name: f"renamed{number}" for name, number in zip(free, numbers, strict=True)}
-    renamed = [(_renamed(atom, new), bound) for atom, bound in facts.items()]
-    expected = {_renamed(atom, new): b for atom, b in _derived(reward, facts).items()}
+    renamed = [(atom.substituted(new), bound) for atom, bound in facts.items()]
+    expected = {atom.substituted(new): b for atom, b in _derived(reward, facts).items()}
     assert_same(expected, _derived(reward, _facts(facts, renamed)))
 
 
@@ -70,8 +71,8 @@ def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random
 def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """With `groundings: best` and no negation, one more fact lowers no bound."""
     kb = reward.kb
-    negated = any(lit.negated for r in kb.rules.values() for lit in r.clause.body.literals)
-    if kb.semantics.pools or negated or not kb.predicates:
+    monotone = all(lit.monotone for r in kb.rules.values() for lit in r.clause.body.literals)
+    if kb.semantics.pools or not monotone or not kb.predicates:
         return
     entities = (*facts.entities(), kb.subject, "stranger")
     atom = _some_atom(kb, random.choice(list(kb.predicates)), entities, random)
@@ -202,25 +203,17 @@ def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
     return facts
 
 
-def _renamed(atom: Atom, new: Mapping[str, str]) -> Atom:
-    return Atom(atom.predicate, tuple(new.get(name, name) for name in atom.arguments))
-
-
 def _named(kb: KnowledgeBase) -> set[str]:
     """Return the entities that the knowledge base itself names."""
-    atoms = list(kb.background)
-    terms: list[str] = [kb.subject]
+    terms = {kb.subject, *(term for atom in kb.background for term in atom.arguments)}
     for rule in kb.rules.values():
-        atoms += [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
-        terms += [term for guard in rule.clause.body.guards for term in guard]
-    terms += [term for atom in atoms for term in atom.arguments]
+        terms.update(rule.clause.head.arguments, rule.clause.body.terms)
     return {term for term in terms if not is_variable(term)}
 
 
 def _read(kb: KnowledgeBase) -> set[str]:
     """Return the predicates on which conclusions can depend: of bodies, and of heads."""
-    bodies = [rule.clause.body for rule in kb.rules.values()]
-    return {name for body in bodies for name in body.predicates} | set(kb.heads)
+    return set(kb.heads).union(*(rule.clause.body.predicates for rule in kb.rules.values()))
 
 
 def _some_atom(kb: KnowledgeBase, name: str, entities: Sequence[str], random: Random) -> Atom:

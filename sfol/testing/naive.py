@@ -14,7 +14,8 @@ from functools import reduce
 
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.syntax import Atom, Literal, is_variable
+from sfol.literals import Literal, Negated, NotEqual, Positive
+from sfol.syntax import Atom, is_variable
 
 Known = Mapping[Atom, Bound]
 Substitution = Mapping[str, str]
@@ -52,8 +53,8 @@ def _rules_of(kb: KnowledgeBase, head: str) -> list[Rule]:
 
 
 def _reads(kb: KnowledgeBase, head: str) -> set[str]:
-    bodies = [rule.clause.body for rule in _rules_of(kb, head)]
-    return {literal.atom.predicate for body in bodies for literal in body.literals}
+    literals = [literal for rule in _rules_of(kb, head) for literal in rule.clause.body.literals]
+    return {atom.predicate for literal in literals if (atom := _atom(literal)) is not None}
 
 
 def _naive_stratum(
@@ -85,8 +86,8 @@ def _naive_rule(
 
 
 def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution]:
-    atoms = [rule.clause.head, *(literal.atom for literal in rule.clause.body.literals)]
-    terms = {term for atom in atoms for term in atom.arguments}
+    atoms = [rule.clause.head, *map(_atom, rule.clause.body.literals)]
+    terms = {term for atom in atoms if atom is not None for term in atom.arguments}
     names = sorted(term for term in terms if is_variable(term))
     for values in itertools.product(entities, repeat=len(names)):
         yield dict(zip(names, values, strict=True))
@@ -94,29 +95,38 @@ def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution
 
 def _satisfies(rule: Rule, substitution: Substitution, known: Known) -> bool:
     # s satisfies the body iff every literal and guard holds.
-    body = rule.clause.body
-    return all(_holds(rule, literal, substitution, known) for literal in body.literals) and all(
-        substitution.get(guard.left, guard.left) != substitution.get(guard.right, guard.right)
-        for guard in body.guards
-    )
+    literals = rule.clause.body.literals
+    return all(_holds(rule, literal, substitution, known) for literal in literals)
 
 
 def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Known) -> bool:
     bound = _literal_bound(literal, substitution, known)
-    if literal.negated:
-        # A negated literal holds iff its lower bound reaches the negation threshold.
-        return bound is not None and bound.lower >= rule.negation_threshold
-    # A positive literal holds iff the atom is known, its upper bound is above 0 and its lower
-    # bound reaches the rule's threshold.
-    return bound is not None and bound.upper > 0 and bound.lower >= rule.threshold
+    match literal:
+        case Positive():
+            # A positive literal holds iff the atom is known, its upper bound is above 0 and its
+            # lower bound reaches the rule's threshold.
+            return bound is not None and bound.upper > 0 and bound.lower >= rule.threshold
+        case Negated():
+            # A negated literal holds iff its lower bound reaches the negation threshold.
+            return bound is not None and bound.lower >= rule.negation_threshold
+        case NotEqual(left, right):
+            return substitution.get(left, left) != substitution.get(right, right)
+    raise NotImplementedError(f"what '{literal}' means is not defined")
 
 
 def _literal_bound(literal: Literal, substitution: Substitution, known: Known) -> Bound | None:
-    bound = known.get(_grounded(literal.atom, substitution))
-    if not literal.negated:
+    atom = _atom(literal)
+    if atom is None:  # a guard has no bound
+        return None
+    bound = known.get(_grounded(atom, substitution))
+    if not isinstance(literal, Negated):
         return bound
     # A negated literal has the bound [1, 1] if the atom is unknown, else [1 − u, 1 − l].
     return Bound(1.0, 1.0) if bound is None else Bound(1 - bound.upper, 1 - bound.lower)
+
+
+def _atom(literal: Literal) -> Atom | None:
+    return literal.atom if isinstance(literal, Positive | Negated) else None
 
 
 def _naive_pooled(
@@ -125,9 +135,11 @@ def _naive_pooled(
     # For each body literal the distinct ground atoms over S(h), then the average over all of them.
     pool = []
     for literal in rule.clause.body.literals:
+        atom = _atom(literal)
         distinct = {
-            _grounded(literal.atom, substitution): _literal_bound(literal, substitution, known)
+            _grounded(atom, substitution): _literal_bound(literal, substitution, known)
             for substitution in found
+            if atom is not None
         }
         pool += [bound for bound in distinct.values() if bound is not None]
     return _conjunction(kb, pool)

@@ -12,14 +12,16 @@ Example:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from sfol.clauses import Body, Clause
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
+from sfol.literals import Literal, Negated, NotEqual, Positive
 from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
-from sfol.syntax import Atom, Guard, Literal, variables
+from sfol.syntax import Atom, variables
 
 try:
     from hypothesis import strategies as st
@@ -37,6 +39,8 @@ ENTITIES = ("ego", "ada", "bob", "cleo")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
 _VARIABLES = ("X", "Y", "Z")
+
+_Literals = st.SearchStrategy[list[Literal]]
 
 
 def _mostly(usual: Any, *others: Any) -> st.SearchStrategy[Any]:
@@ -75,21 +79,48 @@ def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.S
     )
 
 
+def _positive(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+    return st.lists(_atoms(readable, bound).map(Positive), min_size=1, max_size=4)
+
+
+def _negated(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+    return st.lists(_atoms(readable, bound).map(Negated), max_size=2)
+
+
+def _not_equal(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+    if len(bound) < 2:
+        return st.just([])
+    different = st.permutations(bound).map(lambda names: [NotEqual(*names[:2])])
+    return _mostly(st.just([]), different).flatmap(lambda chosen: chosen)
+
+
+# Kind of literal → how a body's literals of this kind are drawn, from the predicates that it may
+# read and the variables that it may name. Those that bind come first and choose freely.
+LITERALS: Mapping[type[Literal], Callable[[Sequence[str], Sequence[str]], _Literals]] = {
+    Positive: _positive,
+    Negated: _negated,
+    NotEqual: _not_equal,
+}
+
+
 @st.composite
 def _clauses(draw: st.DrawFn, head: str) -> str:
     """Draw the text of a rule for a head: safe, reading only what stands before the head."""
     order = list(_PREDICATES)
     readable = order[: order.index(head)]
-    positive = draw(st.lists(_atoms(readable), min_size=1, max_size=4))
-    bound = variables(*(term for atom in positive for term in atom.arguments)) or (ENTITIES[0],)
+    literals = [
+        literal
+        for kind, drawn in LITERALS.items()
+        if kind.binds
+        for literal in draw(drawn(readable, _VARIABLES))
+    ]
+    bound = variables(*(term for literal in literals for term in literal.terms)) or (ENTITIES[0],)
     arguments = draw(_terms(bound, _PREDICATES[head]))
-    negated = draw(st.lists(_atoms(readable, bound), max_size=2))
-    literals = [*map(Literal, positive), *(Literal(atom, negated=True) for atom in negated)]
-    body: list[Literal | Guard] = list(draw(st.permutations(literals)))
-    if len(bound) > 1 and draw(_mostly(False, True)):
-        left, right = draw(st.permutations(bound))[:2]
-        body.append(Guard(left, right))
-    return f"{Atom(head, arguments)} :- {', '.join(map(str, body))}."
+    for kind, drawn in LITERALS.items():
+        if not kind.binds:
+            literals += draw(drawn(readable, bound))
+    body = Body(tuple(draw(st.permutations(literals))))
+    return f"{Clause(Atom(head, arguments), body)}"
 
 
 @st.composite
@@ -195,8 +226,7 @@ def facts_for(
         for constants in itertools.product(present, repeat=predicate.arity)
         if (name, constants) not in kb.background
     ]
-    bodies = [rule.clause.body for rule in kb.rules.values()]
-    read = {name for body in bodies for name in body.predicates}
+    read = {name for rule in kb.rules.values() for name in rule.clause.body.predicates}
     # Bodies hold only where much of what they read is known: each such atom may well be.
     likely = draw(st.permutations([atom for atom in atoms if atom.predicate in read]))[:max_size]
     maybe = draw(st.lists(st.none() | bounds(), min_size=len(likely), max_size=len(likely)))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import escape
 
 from sfol.knowledge_base import KnowledgeBase
+from sfol.literals import Negated
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -59,10 +60,10 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
     graph.add_nodes_from(heads.get(name, GraphNode("predicate", name)) for name in kb.predicates)
     for rule in kb.rules.values():
         node = GraphNode("rule", rule.name)
-        for literal in rule.clause.body.literals:
+        for literal in rule.clause.body.atom_literals:
             name = literal.atom.predicate
             source = heads.get(name, GraphNode("predicate", name))
-            graph.add_edge(source, node, negated=literal.negated)
+            graph.add_edge(source, node, negated=isinstance(literal, Negated))
         graph.add_edge(node, heads[rule.clause.head.predicate])
     for name, weight in kb.weights.items():
         graph.add_node(GraphNode("weight", name))
@@ -97,7 +98,7 @@ def mermaid(kb: KnowledgeBase) -> str:
 
 
 def _quoted(name: str) -> str:
-    return name.replace('"', "#quot;")  # Mermaid's own escape
+    return " ".join(name.split()).replace('"', "#quot;")  # Mermaid's own escape
 
 
 # -- SVG ----------------------------------------------------------------------------------------

@@ -26,10 +26,12 @@ from pathlib import Path
 from statistics import fmean
 from typing import Literal as Choice
 
+from sfol.clauses import Body
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.positions import Keys, entries
-from sfol.syntax import Atom, Body, Guard, Literal, is_variable, variables
+from sfol.literals import Literal, Negated, Positive
+from sfol.syntax import Atom, variables
 from sfol.tools.replay import ReplayedEpisode
 
 DOMINANT = 0.9
@@ -128,11 +130,11 @@ def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
 
 def _why_never(rule: Rule, barren: set[str]) -> str | None:
     body = rule.clause.body
-    for guard in body.guards:
-        if guard.left == guard.right:
-            return f"'{guard}' is never true"
     for literal in body.literals:
-        if not literal.negated and literal.atom.predicate in barren:
+        if literal.never_holds():
+            return f"'{literal}' is never true"
+    for literal in body.atom_literals:
+        if literal.binds and literal.atom.predicate in barren:
             return f"no rule that can fire concludes '{literal.atom.predicate}'"
     for atom in _contradictions(body):
         if _excludes(rule):
@@ -156,8 +158,11 @@ def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
 
 
 def _contradictions(body: Body) -> list[Atom]:
-    negated = {literal.atom for literal in body.literals if literal.negated}
-    return [lit.atom for lit in body.literals if not lit.negated and lit.atom in negated]
+    return [
+        literal.atom
+        for literal in body.literals
+        if isinstance(literal, Positive) and Negated(literal.atom) in body.literals
+    ]
 
 
 def _excludes(rule: Rule) -> bool:
@@ -225,46 +230,26 @@ def _covers(general: Rule, special: Rule) -> bool:
         return False
     if general.negation_threshold > special.negation_threshold:
         return False
-    start = _match(general.clause.head, special.clause.head, {})
+    start = general.clause.head.matched(special.clause.head, {})
     return start is not None and _embeds(general.clause.body, special.clause.body, start)
 
 
 def _embeds(general: Body, special: Body, values: Mapping[str, str]) -> bool:
     def rest(literals: Sequence[Literal], values: Mapping[str, str]) -> bool:
         if not literals:
-            return all(_has(special, guard, values) for guard in general.guards)
+            return True
         first, *others = literals
-        return any(
-            rest(others, extended)
-            for literal in special.literals
-            if literal.negated == first.negated
-            and (extended := _match(first.atom, literal.atom, values)) is not None
-        )
+        matches = (first.matched(literal, values) for literal in special.literals)
+        return any(rest(others, extended) for extended in matches if extended is not None)
 
     return rest(general.literals, values)
-
-
-def _match(pattern: Atom, atom: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
-    """Extend a substitution so that the pattern becomes the atom, if one can."""
-    if pattern.predicate != atom.predicate or len(pattern.arguments) != len(atom.arguments):
-        return None
-    extended = dict(values)
-    for term, target in zip(pattern.arguments, atom.arguments, strict=True):
-        if (extended.setdefault(term, target) if is_variable(term) else term) != target:
-            return None
-    return extended
-
-
-def _has(body: Body, guard: Guard, values: Mapping[str, str]) -> bool:
-    wanted = {values.get(term, term) for term in guard}
-    return any(set(other) == wanted for other in body.guards)
 
 
 def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
     several = [
         rule.name
         for rule in kb.rules.values()
-        if set(_body_variables(rule)) - set(rule.clause.head.arguments)
+        if set(variables(*rule.clause.body.terms)) - set(rule.clause.head.arguments)
     ]
     if kb.semantics.pools and several:
         yield Finding(
@@ -275,11 +260,6 @@ def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
             ("semantics",),
             "groundings: best is monotone; the paper's rules mean pooled",
         )
-
-
-def _body_variables(rule: Rule) -> tuple[str, ...]:
-    literals = rule.clause.body.literals
-    return variables(*(term for literal in literals for term in literal.atom.arguments))
 
 
 # -- recorded episodes --------------------------------------------------------------------------

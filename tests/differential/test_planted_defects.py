@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import pytest
 
-from sfol.engines import compiled, matching, program
+from sfol.engines import compiled
 from sfol.engines import pyreason as translation
 from sfol.engines.compiled import CompiledEngine
-from sfol.engines.matching import Criterion
 from sfol.engines.tables import Tables
 from sfol.facts import TRUE
+from sfol.literals import Negated, NotEqual, Positive, negated
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
 from sfol.testing.laws import assert_same
 from sfol.testing.naive import naive_conclusions
@@ -62,16 +62,24 @@ def minimum_of_several_rules(monkeypatch):
     monkeypatch.setitem(DISJUNCTIONS, "maximum", replace(maximum, combine=min))
 
 
+def negation_dropped(monkeypatch):
+    monkeypatch.setattr(negated, "negation", lambda bound: TRUE)
+
+
+def raw_bounds_of_negated_atoms(monkeypatch):
+    monkeypatch.setattr(negated, "negation", lambda bound: bound)
+
+
 # -- in the compiled engine -----------------------------------------------------------------------
 
 
 def less_for_at_most_at_the_threshold(monkeypatch):
-    def criterion(rule):
-        right = right_criterion(rule)
-        return Criterion(lambda b: right.positive(b) and b[0] != rule.threshold, right.negated)
+    def holds(literal, rule):
+        reading = right(literal, rule)
+        return lambda known: None if known.lower == rule.threshold else reading(known)
 
-    right_criterion = program.rule_criterion
-    monkeypatch.setattr(program, "rule_criterion", criterion)
+    right = Positive.holds
+    monkeypatch.setattr(Positive, "holds", holds)
 
 
 def lost_grounding(monkeypatch):
@@ -85,16 +93,12 @@ def lost_grounding(monkeypatch):
         monkeypatch.setattr(gathering, "add", first_only)
 
 
-def negation_dropped(monkeypatch):
-    monkeypatch.setattr(matching, "negation", lambda bound: TRUE)
-
-
 def negated_literal_left_out(monkeypatch):
-    monkeypatch.setattr(matching, "_refute", lambda i, atom, criterion, slots, then: then)
+    monkeypatch.setattr(Negated, "step", lambda self, number, slots, criterion, then: then)
 
 
 def guard_dropped(monkeypatch):
-    monkeypatch.setattr(matching, "_differ", lambda left, right, then: then)
+    monkeypatch.setattr(NotEqual, "step", lambda self, number, slots, criterion, then: then)
 
 
 def asserted_bound_no_disjunct(monkeypatch):
@@ -102,11 +106,10 @@ def asserted_bound_no_disjunct(monkeypatch):
 
 
 def atoms_known_to_be_false_count(monkeypatch):
-    def criterion(rule):
-        return Criterion(lambda b: b[0] >= rule.threshold, right_criterion(rule).negated)
+    def holds(literal, rule):
+        return lambda known: known if known.lower >= rule.threshold else None
 
-    right_criterion = program.rule_criterion
-    monkeypatch.setattr(program, "rule_criterion", criterion)
+    monkeypatch.setattr(Positive, "holds", holds)
 
 
 COMPILED = [
@@ -116,6 +119,7 @@ COMPILED = [
     less_for_at_most_at_the_threshold,
     lost_grounding,
     negation_dropped,
+    raw_bounds_of_negated_atoms,
     negated_literal_left_out,
     guard_dropped,
     asserted_bound_no_disjunct,
@@ -155,14 +159,6 @@ def lost_head(monkeypatch):
     monkeypatch.setattr(translation, "_possible_values", lambda *arguments: right(*arguments)[1:])
 
 
-def complement_without_values(monkeypatch):
-    monkeypatch.setattr(translation, "negation", lambda bound: TRUE)
-
-
-def raw_bounds_of_negated_atoms(monkeypatch):
-    monkeypatch.setattr(translation, "negation", lambda bound: bound)
-
-
 def guards_count_as_literals(monkeypatch):
     right = translation._query_body
     monkeypatch.setattr(
@@ -198,12 +194,12 @@ PYREASON = [
     maximum_for_mean,
     minimum_for_product,
     minimum_of_several_rules,
+    negation_dropped,
+    raw_bounds_of_negated_atoms,
     less_for_at_most_in_clauses,
     lost_pooled_bound,
     lost_ground_rule,
     lost_head,
-    complement_without_values,
-    raw_bounds_of_negated_atoms,
     guards_count_as_literals,
     asserted_bound_no_disjunct_of_queries,
     heads_left_untied,

@@ -4,28 +4,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfol.clauses import Body, Clause, parse_clause, parse_condition
 from sfol.errors import ClauseError
 from sfol.facts import Bound, Facts
-from sfol.syntax import (
-    Atom,
-    Body,
-    Clause,
-    Guard,
-    Literal,
-    parse_clause,
-    parse_condition,
-    parse_ground_atom,
-    parse_signature,
-)
+from sfol.literals import Negated, NotEqual, Positive
+from sfol.syntax import Atom, parse_ground_atom, parse_signature
 
 names = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,6}", fullmatch=True).filter(lambda n: n != "not")
 constants = st.from_regex(r"[a-z][A-Za-z0-9_]{0,6}", fullmatch=True).filter(lambda n: n != "not")
 atoms = st.builds(Atom, names, st.lists(names, min_size=1, max_size=2).map(tuple))
-bodies = st.builds(
-    Body,
-    st.lists(st.builds(Literal, atoms, st.booleans()), min_size=1, max_size=4).map(tuple),
-    st.lists(st.builds(Guard, names, names), max_size=2).map(tuple),
+literals = (
+    st.builds(Positive, atoms) | st.builds(Negated, atoms) | st.builds(NotEqual, names, names)
 )
+bodies = st.builds(Body, st.lists(literals, min_size=1, max_size=6).map(tuple))
 ground_atoms = st.builds(Atom, names, st.lists(constants, min_size=1, max_size=2).map(tuple))
 bounds = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(lambda p: Bound(min(p), max(p)))
 
@@ -55,19 +46,24 @@ def test_the_papers_rule():
         "safe3(X) :- Vehicle(X), Vehicle(Y), Crosswalk(A), RightOf(Y, X), Occludes(Y, A)."
     )
     assert clause.head == Atom("safe3", ("X",))
-    assert clause.body.literals[3] == Literal(Atom("RightOf", ("Y", "X")))
+    assert clause.body.literals[3] == Positive(Atom("RightOf", ("Y", "X")))
 
 
 def test_negation_guards_comments_and_free_layout():
     clause = parse_clause("h( X ):-P(X,Y),\n  % a comment\n not Q(Y) , X!=Y # another\n .")
     assert clause.body == Body(
-        (Literal(Atom("P", ("X", "Y"))), Literal(Atom("Q", ("Y",)), negated=True)),
-        (Guard("X", "Y"),),
+        (Positive(Atom("P", ("X", "Y"))), Negated(Atom("Q", ("Y",))), NotEqual("X", "Y"))
     )
 
 
+def test_guards_stand_last_wherever_they_were_written():
+    body = parse_condition("X != Y, P(X, Y), not Q(Y)")
+    assert str(body) == "P(X, Y), not Q(Y), X != Y"
+    assert list(map(str, body.atom_literals)) == ["P(X, Y)", "not Q(Y)"]
+
+
 def test_a_predicate_may_be_called_not():
-    assert parse_condition("not(X)").literals == (Literal(Atom("not", ("X",))),)
+    assert parse_condition("not(X)").literals == (Positive(Atom("not", ("X",))),)
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfol import Facts, KnowledgeBase, RewardFunction
-from sfol.engines.matching import Criterion
+from sfol.clauses import parse_clause
 from sfol.engines.plan import Plan
 from sfol.engines.tables import Tables
 from sfol.facts import Bound
-from sfol.syntax import parse_clause
-
-HOLDS = Criterion(positive=lambda bound: bound[1] > 0.0, negated=lambda bound: bound[1] < 0.5)
+from sfol.literals import Negated
 
 ONE_PIECE = [
     "h(X) :- A(X).",
@@ -35,8 +33,14 @@ unary = st.dictionaries(st.tuples(st.sampled_from("AB"), names), bounds, max_siz
 binary = st.dictionaries(st.tuples(st.sampled_from("PQ"), names, names), bounds, max_size=24)
 
 
+def criterion(literal):
+    if isinstance(literal, Negated):
+        return lambda known: literal.bound(known) if known.upper < 0.5 else None
+    return lambda known: known if known.upper > 0.0 else None
+
+
 def plan_of(text, *known):
-    return Plan.of(parse_clause(text).body, HOLDS, known)
+    return Plan.of(parse_clause(text).body, criterion, known)
 
 
 @pytest.mark.parametrize("text", ONE_PIECE)

@@ -7,7 +7,7 @@ import pytest
 from sfol import KnowledgeBase
 from sfol.errors import InvalidKnowledgeBase
 from sfol.knowledge_base.loading import bundled_folder, bundled_names
-from sfol.syntax import Literal
+from sfol.literals import Negated
 from sfol.testing.cases import run_tests
 
 AEB = KnowledgeBase.load("aeb")
@@ -17,10 +17,10 @@ FILE = bundled_folder() / "aeb.yaml"
 def changed_bodies():
     """Every rule with one literal removed, or replaced by its negation."""
     for rule in AEB.rules.values():
-        literals = rule.clause.body.literals
+        literals = rule.clause.body.atom_literals
         for i, literal in enumerate(literals):
             others = [*literals[:i], *literals[i + 1 :]]
-            negated = [*literals[:i], Literal(literal.atom, negated=True), *literals[i + 1 :]]
+            negated = [*literals[:i], Negated(literal.atom), *literals[i + 1 :]]
             yield pytest.param(rule, others, id=f"{rule.name} without {literal}")
             yield pytest.param(rule, negated, id=f"{rule.name} with not {literal}")
 

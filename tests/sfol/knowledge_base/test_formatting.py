@@ -9,9 +9,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfol.clauses import Body, Clause, parse_clause
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.formatting import format_clause, format_file
-from sfol.syntax import Atom, Body, Clause, Guard, Literal, parse_clause, parse_facts
+from sfol.literals import Negated, NotEqual, Positive
+from sfol.syntax import Atom, parse_facts
 from tests.sfol.command_line import RULES, sfol
 from tests.sfol.conftest import KITCHEN
 
@@ -202,11 +204,10 @@ def test_what_an_alias_repeats_is_formatted_once():
 
 names = st.sampled_from(["a", "Near", "p1", "X", "Y_2", "not_", "ego"])
 atoms = st.builds(Atom, names, st.lists(names, min_size=1, max_size=2).map(tuple))
-bodies = st.builds(
-    Body,
-    st.lists(st.builds(Literal, atoms, st.booleans()), min_size=1, max_size=4).map(tuple),
-    st.lists(st.builds(Guard, names, names), max_size=2).map(tuple),
+literals = (
+    st.builds(Positive, atoms) | st.builds(Negated, atoms) | st.builds(NotEqual, names, names)
 )
+bodies = st.builds(Body, st.lists(literals, min_size=1, max_size=6).map(tuple))
 clauses = st.builds(Clause, atoms, bodies)
 TOKEN = re.compile(r":-|!=|\w+|[^\w\s]")
 

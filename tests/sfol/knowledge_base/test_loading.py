@@ -171,7 +171,12 @@ def test_a_bundled_name_that_is_misspelt():
         ("name: kitchen", "name: kitchen\nname: again", 3, 1, "the key 'name' stands twice", ""),
         ("name: kitchen", "name: [", 3, 8, "this is not YAML", ""),
         ("name: kitchen", "name: !!python/name:os.system x", 2, 7, "could not determine|not allowed", ""),
-        ("name: kitchen", "name: 2020-01-01", 2, 7, "not allowed", ""),
+        ("name: kitchen", "name: !!timestamp 2020-01-01", 2, 7, "not allowed", ""),
+        ("name: kitchen", "name: !!bool maybe", 2, 7, "not a value of this kind", ""),
+        ("normalizer: 1", "normalizer: 1:30", 17, 22, "not '1:30'", ""),
+        ("normalizer: 1", "normalizer: yes", 17, 22, "not 'yes'", ""),
+        ("{k: 2.0}", "{k: 2.0, kk: 3.0}", 19, 67, "does not use the parameter 'kk'", "did you mean 'k'?"),
+        ("rules:", "rules: [a]\nsignls:", 11, 1, "valid dictionary", ""),
         ("unit: m/s", "unt: m/s", 15, 11, "unknown key 'unt' in signals.speed", "did you mean 'unit'?"),
     ],
 )  # fmt: skip

@@ -1,0 +1,81 @@
+"""Positive literals: ``P(X)``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from sfol.arrays import Array
+from sfol.facts import Bound
+from sfol.literals.literal import (
+    AtomLiteral,
+    BatchBounds,
+    Literal,
+    QueryClause,
+    Reading,
+    Thresholds,
+)
+from sfol.literals.search import Rows, Scene
+from sfol.syntax import Atom, Reader
+
+
+@dataclass(frozen=True)
+class Positive(AtomLiteral):
+    """An atom that must be known, possible, and certain enough.
+
+    It has the bound of its atom, and holds if the upper bound is above 0 and the lower bound
+    reaches the rule's threshold.
+    """
+
+    binds: ClassVar[bool] = True
+
+    atom: Atom
+
+    @classmethod
+    def parse(cls, reader: Reader) -> Self | None:
+        return cls(reader.atom())
+
+    def __str__(self) -> str:
+        return str(self.atom)
+
+    def substituted(self, values: Mapping[str, str]) -> Self:
+        return type(self)(self.atom.substituted(values))
+
+    def matched(self, target: Literal, values: Mapping[str, str]) -> Mapping[str, str] | None:
+        return self.atom.matched(target.atom, values) if isinstance(target, Positive) else None
+
+    def bound(self, known: Bound | None) -> Bound | None:
+        return known
+
+    def holds(self, thresholds: Thresholds) -> Reading:
+        threshold = thresholds.threshold
+        return lambda known: known if known[1] > 0.0 and known[0] >= threshold else None
+
+    def reaches(self, confidence: float) -> Reading:
+        return lambda known: known if known.midpoint >= confidence else None
+
+    def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
+        bound = scene.bound(self.atom)
+        if bound is None:
+            return str(self)
+        if bound.upper == 0.0:
+            return f"{self} (known to be false)"
+        if bound.lower < thresholds.threshold:
+            return f"{self} (its {bound} is below the threshold {thresholds.threshold:.4g})"
+        return f"{self} together with the rest"
+
+    def batch_bounds(self, atoms: BatchBounds, rows: Array) -> tuple[Array, Array]:
+        return atoms.lower(rows), atoms.upper(rows)
+
+    def batch_holds(self, atoms: BatchBounds, rows: Array, thresholds: Thresholds) -> Array:
+        possible, threshold = atoms.possible(rows), thresholds.threshold
+        return possible & (atoms.lower(rows) >= threshold) if threshold > 0.0 else possible
+
+    def query(self, thresholds: Thresholds) -> QueryClause:
+        return QueryClause(self.atom.predicate, self.terms, thresholds.threshold)
+
+    def query_rows(self, scene: Scene, domain: Sequence[str]) -> Rows:
+        # PyReason would let an atom that is known to be false pass at threshold 0.
+        rows = scene.rows(self.atom.predicate).items()
+        return {arguments: bound for arguments, bound in rows if bound.upper > 0}

@@ -1,0 +1,301 @@
+"""YAML text → plain data, with the place of every part: safe, strict, and within fixed limits.
+
+Scalars are read as YAML 1.2 has them: 1.5e3 is a number, 010 is ten, 1:30 and yes are texts. Keys
+are texts and stand once. Nothing is run, merged (``<<``) or guessed, and limits of size, depth and
+number of values see to it that no file can make reading hang.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from sfol.errors import FileError, Place
+
+MAXIMUM_BYTES = 1_000_000
+MAXIMUM_DEPTH = 20
+MAXIMUM_VALUES = 50_000
+MAXIMUM_DIGITS = 400
+
+Keys = tuple[str | int, ...]
+Scalar = str | int | float | bool | None
+
+_TAG = "tag:yaml.org,2002:"
+
+# What would reach a terminal as a command, turn the direction of a line, or is no character:
+# controls but tab and line ends, marks of direction, halves of surrogate pairs.
+_CONTROLS = r"\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff"
+_NEVER_IN_A_TEXT = re.compile(f"[{_CONTROLS}]")
+_NEVER_IN_A_KEY = re.compile(rf"[{_CONTROLS}\t\n\r\x85\u2028\u2029]")
+
+
+class _Kind(NamedTuple):
+    """How a plain scalar is recognised: by its first character, then as a whole."""
+
+    first: str
+    text: re.Pattern[str]
+    value: Callable[[str], Scalar]
+
+
+def _integer(text: str) -> int:
+    base = {"0o": 8, "0x": 16}.get(text[:2], 10)
+    return int(text[2:] if base != 10 else text, base)
+
+
+def _float(text: str) -> float:
+    return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+# The core schema of YAML 1.2, section 10.3.2.
+_KINDS = {
+    "null": _Kind("~nN", re.compile(r"~|null|Null|NULL|"), lambda text: None),
+    "bool": _Kind(
+        "tTfF", re.compile(r"true|True|TRUE|false|False|FALSE"), lambda text: text[0] in "tT"
+    ),
+    "int": _Kind("+-0123456789", re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"), _integer),
+    "float": _Kind(
+        "+-.0123456789",
+        re.compile(
+            r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+            r"|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+        ),
+        _float,
+    ),
+}
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's parser with the scalars of YAML 1.2 instead of 1.1."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012  (as PyYAML declares it)
+
+
+for _name, _kind in _KINDS.items():
+    _whole = re.compile(rf"(?:{_kind.text.pattern})\Z")
+    _Loader.add_implicit_resolver(_TAG + _name, _whole, [*_kind.first])
+_Loader.add_implicit_resolver(_TAG + "null", re.compile(r"\Z"), [""])
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where a key and its value stand in a file."""
+
+    file: str
+    source: str
+    key: yaml.Mark
+    value: yaml.Node
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the value is a text."""
+        return isinstance(self.value, yaml.ScalarNode) and self.value.tag == _TAG + "str"
+
+    def of_key(self) -> Place:
+        """Return the place of the key."""
+        return Place(self.file, self.key.line + 1, self.key.column + 1)
+
+    def of_value(self, offset: int = 0) -> Place:
+        """Return the place of the value, or of the character of it at an offset."""
+        mark = self.value.start_mark
+        if not isinstance(self.value, yaml.ScalarNode):
+            return Place(self.file, mark.line + 1, mark.column + 1)
+        index = self._index(self.value, offset)
+        line_start = self.source.rfind("\n", 0, index) + 1
+        return Place(self.file, self.source.count("\n", 0, index) + 1, index - line_start + 1)
+
+    def _index(self, scalar: yaml.ScalarNode, offset: int) -> int:
+        """Return the index in the file of a character of the value.
+
+        A scalar's value and its source differ in quotes, block marks and white space only, so
+        the n-th visible character of the one is the n-th of the other.
+        """
+        start, end = scalar.start_mark.index, scalar.end_mark.index
+        while start < end and self.source[start] in "|>'\"+-0123456789 \t\r\n":
+            if self.source[start] == scalar.value[:1]:
+                break
+            start += 1
+        visible = sum(not c.isspace() for c in scalar.value[:offset])
+        for index in range(start, end):
+            if self.source[index].isspace():
+                continue
+            if visible == 0:
+                return index
+            visible -= 1
+        return min(start, len(self.source))
+
+
+@dataclass
+class Places:
+    """Where the parts of a file stand: a tree with the shape of its data.
+
+    Attributes:
+        spot: of the part itself; None of the file as a whole.
+        below: key or index → the places of that part.
+    """
+
+    spot: Spot | None = None
+    below: dict[str | int, Places] = field(default_factory=dict)
+
+    def find(self, path: Keys) -> Spot | None:
+        """Return where a path of keys stands, if it is known."""
+        places: Places | None = self
+        for key in path:
+            places = places.below.get(key) if places else None
+        return places.spot if places else None
+
+    def nearest(self, path: Keys) -> Spot | None:
+        """Return where a path of keys stands, or the nearest known part above it."""
+        places, found = self, self.spot
+        for key in path:
+            if key not in places.below:
+                break
+            places = places.below[key]
+            found = places.spot or found
+        return found
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file as plain data.
+
+    Attributes:
+        file: its name, as the user gave it.
+        data: mappings, lists, texts, numbers, booleans and None.
+        places: where each part stands.
+    """
+
+    file: str
+    data: dict[str, Any]
+    places: Places
+
+
+def read(path: Path) -> Document:
+    """Read a YAML file that is a mapping.
+
+    Raises:
+        FileError: it can't be read, is no YAML, or passes a limit.
+    """
+    return parse(_text_of(path), str(path))
+
+
+def parse(text: str, file: str) -> Document:
+    """Read a YAML text that is a mapping.
+
+    Args:
+        text: the text.
+        file: what places call it.
+
+    Raises:
+        FileError: it is no YAML, or passes a limit.
+    """
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise _broken(file, error) from None
+    except RecursionError:
+        raise FileError("the file is nested too deeply", place=Place(file)) from None
+    if not isinstance(node, yaml.MappingNode):
+        raise FileError(
+            "the file is not a mapping of keys to values",
+            suggestion="it begins with 'version: 1' and 'name: …'",
+            place=Place(file, 1, 1),
+        )
+    places = Places()
+    return Document(file, _Builder(file, text).build(node, places, depth=0), places)
+
+
+def _text_of(path: Path) -> str:
+    place = Place(str(path))
+    try:
+        if path.exists() and not path.is_file():
+            raise FileError(
+                "the file can't be read: it is not a regular file", name=path.name, place=place
+            )
+        with path.open("rb") as stream:  # a file that grows meanwhile is not read to its end
+            content = stream.read(MAXIMUM_BYTES + 1)
+        if len(content) > MAXIMUM_BYTES:
+            raise FileError(
+                f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
+            )
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise FileError(f"the file can't be read: {reason}", name=path.name, place=place) from None
+
+
+def _broken(file: str, error: yaml.YAMLError) -> FileError:
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+    place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
+    return FileError(f"this is not YAML: {problem}", place=place)
+
+
+class _Builder:
+    """Turns YAML nodes into plain data and notes where each part stands."""
+
+    def __init__(self, file: str, source: str) -> None:
+        self._file = file
+        self._source = source
+        self._count = 0
+
+    def build(self, node: yaml.Node, places: Places, depth: int) -> Any:
+        self._count += 1
+        if self._count > MAXIMUM_VALUES or depth > MAXIMUM_DEPTH:
+            # Also the end of alias bombs and of anchors that contain themselves.
+            raise self._error(node, "the file has too many values, or is nested too deeply")
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, places, depth)
+        if isinstance(node, yaml.SequenceNode):
+            return [
+                self._noted(index, child, child.start_mark, places, depth)
+                for index, child in enumerate(node.value)
+            ]
+        assert isinstance(node, yaml.ScalarNode)
+        return self._scalar(node)
+
+    def _noted(
+        self, key: str | int, node: yaml.Node, mark: yaml.Mark, above: Places, depth: int
+    ) -> Any:
+        above.below[key] = Places(Spot(self._file, self._source, mark, node))
+        return self.build(node, above.below[key], depth + 1)
+
+    def _mapping(self, node: yaml.MappingNode, places: Places, depth: int) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for key_node, child in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise self._error(key_node, "a key must be a name")
+            key = self._text(key_node, _NEVER_IN_A_KEY)
+            if key in data:
+                raise self._error(key_node, f"the key '{key}' stands twice", key)
+            data[key] = self._noted(key, child, key_node.start_mark, places, depth)
+        return data
+
+    def _scalar(self, node: yaml.ScalarNode) -> Scalar:
+        if node.tag == _TAG + "str":
+            return self._text(node)
+        kind = _KINDS.get(node.tag.removeprefix(_TAG))
+        if kind is None:
+            raise self._error(node, f"values of the kind '{node.tag}' are not allowed", node.value)
+        if len(node.value) > MAXIMUM_DIGITS or not kind.text.fullmatch(node.value):
+            raise self._error(node, f"'{node.value[:40]}' is not a value of this kind")
+        return kind.value(node.value)
+
+    def _text(self, node: yaml.ScalarNode, refused: re.Pattern[str] = _NEVER_IN_A_TEXT) -> str:
+        text: str = node.value
+        found = refused.search(text)
+        if found:
+            raise self._error(node, f"a text can't have the character {found.group()!a}")
+        return text
+
+    def _error(self, node: yaml.Node, message: str, name: str | None = None) -> FileError:
+        mark = node.start_mark
+        return FileError(
+            message, name=name, place=Place(self._file, mark.line + 1, mark.column + 1)
+        )
