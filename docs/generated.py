@@ -19,6 +19,7 @@ from keys import keys, one_line, table
 from rooms import drawing
 from typer.cli import get_docs_for_click
 
+import sfol.clauses
 import sfol.errors
 import sfol.formula
 import sfol.operators
@@ -107,9 +108,10 @@ def _sentences(group: Any) -> Iterator[tuple[str, str]]:
 
 
 def grammar() -> str:
-    """Return the grammar of clauses, which stands in the docstring of the parser."""
-    lines = (inspect.getdoc(sfol.syntax) or "").splitlines()
-    return "\n".join(["```text", *(line[4:] for line in lines if line.startswith("    ")), "```"])
+    """Return the grammar of clauses and facts, which stands in the docstrings of their readers."""
+    texts = (inspect.getdoc(sfol.clauses) or "", inspect.getdoc(sfol.syntax) or "")
+    lines = [line[4:] for text in texts for line in text.splitlines() if line.startswith("    ")]
+    return "\n".join(["```text", *lines, "```"])
 
 
 def operators() -> str:

@@ -15,9 +15,13 @@ import pytest
 import typer
 import yaml
 
+pytest.importorskip("pybullet", reason="the pages drive the street: they need sfol[aeb]")
+
 import sfol
 from env.cli.app import app as aeb
-from env.driving.setup import Setup
+from env.driving.drivers import DRIVERS
+from env.driving.setup import Setup, setup_names
+from env.evaluation.metrics import METRICS
 from sfol.cli.app import app as sfol_app
 from sfol.errors import SfolError
 from sfol.knowledge_base.loading import bundled_names
@@ -265,7 +269,7 @@ def test_the_reference_has_every_command_and_option(generated, program):
     for path, command in subcommands(COMMANDS[program], program):
         section = page.partition(f"# `{path}`\n")[2].partition("\n## ")[0]
         options = [o for p in command.params for o in p.opts if o.startswith("--")]
-        assert options, path
+        assert section, path
         assert [option for option in options if option not in section] == [], path
 
 
@@ -275,3 +279,10 @@ def test_the_reference_says_what_every_key_means(generated, page):
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table, re.MULTILINE)
     assert len(rows) > 20
     assert [key for key, meaning in rows if not meaning.strip()] == []
+
+
+def test_the_reference_has_every_driver_metric_and_bundled_setup():
+    metrics = (DOCS / "reference/metrics.md").read_text("utf-8")
+    setups = (DOCS / "reference/setup.md").read_text("utf-8")
+    assert [n for n in (*DRIVERS, *(m.name for m in METRICS)) if f"`{n}`" not in metrics] == []
+    assert [name for name in setup_names() if f"`{name}`" not in setups] == []
