@@ -101,10 +101,13 @@ class LogWriter:
         UsageError: the file can't be written.
 
     Example:
-        >>> with LogWriter(Path("runs/drive.parquet"), kb) as log:
-        ...     for step in drive():
-        ...         log.step(step.facts, time=step.time, v=step.v, v_next=step.v_next)
+        >>> import sfol
+        >>> kb = sfol.KnowledgeBase.load("aeb")
+        >>> with LogWriter("drive.parquet", kb) as log:
+        ...     log.step(Facts.parse("Pedestrian(p1)."), time=0.0, v=6.0, v_next=5.5, d=9.0)
         ...     log.end_episode("success")
+        >>> read_log("drive.parquet").episodes[0].ending
+        'success'
     """
 
     def __init__(self, path: str | Path, kb: KnowledgeBase) -> None:

@@ -74,7 +74,7 @@ class Entity:
 
     @property
     def bottom(self) -> int:
-        """Row of its lower edge, in px: where it meets the ground, if that can be seen."""
+        """Row of its lower edge, in px, where it meets the ground if that can be seen."""
         return self.box.bottom
 
     def beside(self, direction: Direction, size: int) -> Area:

@@ -37,7 +37,9 @@ class Stage(_Section):
         min_length=1,
         description="levels to draw from; one that is named twice comes twice as often",
     )
-    occlusion: tuple[CellOcclusion, ...] = Field(("partial", "full"), min_length=1)
+    occlusion: tuple[CellOcclusion, ...] = Field(
+        ("partial", "full"), min_length=1, description="kinds of occlusion to draw from"
+    )
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -53,22 +55,26 @@ class Learning(_Section):
     stronger: ego stands.
     """
 
-    learning_rate: float = Field(2e-4, gt=0)
+    learning_rate: float = Field(2e-4, gt=0, description="at the beginning")
     last_learning_rate: float = Field(
         2e-5, gt=0, description="at the end; from the first to the last it falls evenly"
     )
     rollout_steps: Positive = Field(4096, description="of all streets, for one update")
-    batch_size: Positive = 256
-    n_epochs: Positive = 4
-    gamma: float = Field(DISCOUNT, gt=0, le=1)
-    gae_lambda: float = Field(0.95, ge=0, le=1)
-    clip_range: float = Field(0.2, gt=0)
-    ent_coef: float = Field(0.0, ge=0)
+    batch_size: Positive = Field(256, description="steps for one gradient")
+    n_epochs: Positive = Field(4, description="passes over the steps of an update")
+    gamma: float = Field(DISCOUNT, gt=0, le=1, description="γ, the discount of a step")
+    gae_lambda: float = Field(0.95, ge=0, le=1, description="λ of generalised advantage estimation")
+    clip_range: float = Field(
+        0.2, gt=0, description="how far the ratio of new to old probabilities may be from 1"
+    )
+    ent_coef: float = Field(0.0, ge=0, description="factor on the policy's entropy in the loss")
     use_sde: bool = Field(
         default=True,
         description="whether noise depends on the state and lasts for steps",
     )
-    sde_sample_freq: int = Field(8, ge=-1, description="how many; -1: until the next update")
+    sde_sample_freq: int = Field(
+        8, ge=-1, description="how many steps noise lasts for; -1: until the next update"
+    )
     reward_scale: float = Field(
         0.02, gt=0, description="factor on rewards, so that returns are of the order of 1"
     )
@@ -101,15 +107,20 @@ class Learning(_Section):
 class Setup(_Section):
     """A training: its street, its reward, its observation and its hyperparameters."""
 
-    version: Literal[1]
-    name: str = Field(pattern=r"^[a-z0-9_]+$")
-    description: str = ""
+    version: Literal[1] = Field(description="version of this format")
+    name: str = Field(
+        pattern=r"^[a-z0-9_]+$",
+        description="name of the setup and of its trainings' folders: a to z, digits, _",
+    )
+    description: str = Field("", description="what it is for")
     rules: tuple[str, ...] = Field(
         ("crossing",), min_length=1, description="knowledge bases, applied left to right"
     )
-    observation: Literal["vsr", "state"] = "vsr"
-    perception: Literal["simulator", "unet", "truth"] = "simulator"
-    fusion: Method = Field("add", description="of SSI and SF, for the observation vsr")
+    observation: Literal["vsr", "state"] = Field("vsr", description="what the policy is given")
+    perception: Literal["simulator", "unet", "truth"] = Field(
+        "simulator", description="where facts come from"
+    )
+    fusion: Method = Field("add", description="how SSI and SF are fused, for the observation vsr")
     speed: bool = Field(
         default=False, description="whether ego's speed is added to the observation vsr"
     )
@@ -123,18 +134,22 @@ class Setup(_Section):
         description="what the value function, which training alone needs, is given: the world's "
         "state, or what the policy is given",
     )
-    stages: tuple[Stage, ...] = Field(min_length=1)
-    streets: Positive = Field(2, description="that are driven at once, each in its own process")
-    seed: int = Field(0, ge=0)
+    stages: tuple[Stage, ...] = Field(
+        min_length=1, description="parts of the training, one after the other"
+    )
+    streets: Positive = Field(2, description="how many are driven at once, each in its own process")
+    seed: int = Field(0, ge=0, description="seed of the streets, the networks and the noise")
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "
         "be given less than the setup says, and nothing is whitened then; null: from nothing",
     )
-    checkpoint_steps: Positive = Field(10_000, description="between two checkpoints")
-    evaluation_steps: Positive = Field(20_000, description="between two evaluations")
-    evaluation_episodes: Positive = Field(20, description="of an evaluation, over all cells")
-    learning: Learning = Learning()
+    checkpoint_steps: Positive = Field(10_000, description="steps between two checkpoints")
+    evaluation_steps: Positive = Field(20_000, description="steps between two evaluations")
+    evaluation_episodes: Positive = Field(
+        20, description="episodes of an evaluation, over all cells"
+    )
+    learning: Learning = Field(Learning(), description="hyperparameters of PPO")
 
     @model_validator(mode="after")
     def _state_has_speed(self) -> Self:

@@ -131,7 +131,7 @@ def false_braking(
 
 
 def fluctuation(weights: npt.ArrayLike, dt: float) -> float:
-    """Return how restless a weight is: its total variation per second, Σ |w[k+1] − w[k]| / T.
+    """Return how restless a weight is: its total variation per second, `Σ |w[k+1] − w[k]| / T`.
 
     Args:
         weights: w of each step.

@@ -50,7 +50,7 @@ class EgoParameters:
 
     @cached_property
     def drag(self) -> float:
-        """Coefficient of air drag, in 1/m: at top speed it takes all that full throttle gives."""
+        """Coefficient of air drag, in 1/m; at top speed it takes all that full throttle gives."""
         return (self.drive - self.rolling) / self.top_speed**2
 
 

@@ -2,10 +2,11 @@
 
 Example:
     >>> from hypothesis import given
-    >>> from sfol import strategies
+    >>> from sfol.testing import strategies
     >>> @given(strategies.scenes())
     ... def test_mine(scene):
     ...     kb, facts = scene
+    ...     assert facts.margin == kb.grounding.margin
 """
 
 from __future__ import annotations

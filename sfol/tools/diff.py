@@ -179,14 +179,14 @@ class MovedStep:
 
     @property
     def moves(self) -> dict[str, tuple[float, float]]:
-        """What moved, such as ``confidence safe1``: value before and after."""
+        """What moved, such as ``confidence safe1`` → value before and after."""
         old, new = _quantities(self.before), _quantities(self.after)
         pairs = {name: (old.get(name, 0.0), new.get(name, 0.0)) for name in {**old, **new}}
         return {name: pair for name, pair in pairs.items() if abs(pair[1] - pair[0]) > TOLERANCE}
 
     @property
     def size(self) -> tuple[float, float]:
-        """How far the reward moved, and then anything else: the order of what is worst."""
+        """How far the reward moved, and then anything else; what is worst has the largest."""
         differences = [abs(new - old) for old, new in self.moves.values()]
         return abs(self.after.reward - self.before.reward), max(differences, default=0.0)
 

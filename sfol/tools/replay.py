@@ -27,7 +27,7 @@ class ReplayedEpisode:
 
     @property
     def value(self) -> float:
-        """The return: the sum of the rewards."""
+        """The return, which is the sum of the rewards."""
         return sum(outcome.reward for outcome in self.outcomes)
 
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 RESULTS = Path("results/capacity.json")
 PICTURE = Path("docs/images/capacity.png")
-PAGE = Path("docs/descriptor.md")
+PAGE = Path("docs/explanation/descriptor.md")
 
 SIDE = 224  # of the picture, in px
 # Something is always beside an entity, if only the ground below it.

@@ -97,7 +97,7 @@ class Codebook:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all vectors, 64 hex digits: equal for equal codebooks."""
+        """SHA-256 of all vectors, 64 hex digits, equal for equal codebooks."""
         numbers = [self.classes, self.directions, self.cells]
         return hashlib.sha256(
             b"".join(part.numpy().astype("<f4").tobytes() for part in numbers)

@@ -58,7 +58,7 @@ class Retrieval:
 
     @property
     def chance(self) -> float:
-        """About the rate of guessing: one over the mean number of candidates."""
+        """About the rate of guessing, one over the mean number of candidates."""
         return self.queries / self.candidates if self.queries else math.nan
 
 

@@ -72,7 +72,7 @@ def load_frames(folder: Path) -> FrameSet:
     """Read all frames of a folder.
 
     Args:
-        folder: what `python -m env.tools.frames` wrote, or npz files with the columns of
+        folder: what `aeb frames` wrote, or npz files with the columns of
             `FrameSet` and a `frames.json` that says at least which ``renderer`` made them.
 
     Raises:
@@ -83,7 +83,7 @@ def load_frames(folder: Path) -> FrameSet:
         raise UsageError(
             f"{folder} holds no frames",
             name=str(folder),
-            suggestion="python -m env.tools.frames renders those of the bundled street",
+            suggestion="aeb frames renders those of the bundled street",
         )
     card = json.loads((folder / CARD).read_text(encoding="utf-8"))
     parts = [read_shard(shard) for shard in shards]
@@ -104,7 +104,7 @@ def read_shard(file: Path) -> dict[str, NDArray[Any]]:
         raise UsageError(
             f"{file} is no file of frames: {error}",
             name=str(file),
-            suggestion="delete it; python -m env.tools.frames renders what is missing",
+            suggestion="delete it; aeb frames renders what is missing",
         ) from error
 
 

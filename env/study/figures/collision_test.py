@@ -26,7 +26,7 @@ _HEADER = (
 
 
 @dataclass(frozen=True)
-class Row:
+class CollisionRow:
     """A contender in a cell.
 
     Attributes:
@@ -53,7 +53,7 @@ class Row:
         return len(self.measured["success"].seeds) if self.measured else 0
 
 
-def collision_rows(contenders: Contenders, paper: Paper) -> list[Row]:
+def collision_rows(contenders: Contenders, paper: Paper) -> list[CollisionRow]:
     """Return all rows of all tables; scripted drivers come last."""
     # By table, since one setup stands in both of the paper's, by two labels.
     printed = {(s.title, setup.name): setup.cells for s in paper.sets for setup in s.setups}
@@ -64,7 +64,7 @@ def collision_rows(contenders: Contenders, paper: Paper) -> list[Row]:
     ]
     places += [(ANCHORS, name, name, driver) for name, driver in contenders.drivers.items()]
     return [
-        Row(
+        CollisionRow(
             table=table,
             name=name,
             label=label,
@@ -78,13 +78,13 @@ def collision_rows(contenders: Contenders, paper: Paper) -> list[Row]:
     ]
 
 
-def tables(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def tables(rows: Sequence[CollisionRow]) -> dict[str, list[CollisionRow]]:
     """Return the rows of each table, in order."""
     titles = dict.fromkeys(row.table for row in rows)
     return {title: [row for row in rows if row.table == title] for title in titles}
 
 
-def csv_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def csv_rows(rows: Sequence[CollisionRow]) -> list[dict[str, Any]]:
     """Return the rows for a CSV file: shares as fractions, the paper's as well, and metres."""
     return [
         {
@@ -102,7 +102,7 @@ def csv_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def markdown(rows: Sequence[Row], paper: Paper) -> str:
+def markdown(rows: Sequence[CollisionRow], paper: Paper) -> str:
     """Return the tables as a text for people, one for each set and density of traffic."""
     parts = [
         "# Collision test",
@@ -122,7 +122,7 @@ def markdown(rows: Sequence[Row], paper: Paper) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def short(row: Row) -> str:
+def short(row: CollisionRow) -> str:
     """Return what was measured in two short lines: outcomes in percent, and metres."""
     if not row.measured:
         return NOTHING
@@ -130,7 +130,7 @@ def short(row: Row) -> str:
     return f"{outcomes}\n{metres(row.measured['stopping_distance'].value)}"
 
 
-def short_paper(row: Row) -> str:
+def short_paper(row: CollisionRow) -> str:
     """Return what the paper measured in the same form."""
     if row.paper is None:
         return NOTHING
@@ -153,11 +153,11 @@ def _measured(contender: Contender, cell: Cell) -> dict[str, Pooled]:
     return {name: pooled for name, pooled in found.items() if pooled is not None}
 
 
-def _episodes(row: Row) -> int:
+def _episodes(row: CollisionRow) -> int:
     return row.contender.episodes * row.seeds if row.contender else 0
 
 
-def _csv_cells(row: Row, name: str) -> Iterator[tuple[str, float | None]]:
+def _csv_cells(row: CollisionRow, name: str) -> Iterator[tuple[str, float | None]]:
     pooled = row.measured.get(name)
     yield name, pooled.value if pooled else None
     whole = pooled.whole if pooled else None
@@ -174,7 +174,7 @@ def _csv_cells(row: Row, name: str) -> Iterator[tuple[str, float | None]]:
     yield f"{name}_paper", None if printed is None else printed / scale
 
 
-def _markdown_row(row: Row) -> str:
+def _markdown_row(row: CollisionRow) -> str:
     cells = [row.label, row.cell.occlusion, str(row.seeds) if row.measured else NOTHING]
     for name in OUTCOMES:
         cells += [_share(row.measured.get(name)), _printed(row.paper, name, 0)]
@@ -206,7 +206,7 @@ def _printed(paper: PaperCell | None, name: str, digits: int) -> str:
     return f"{getattr(paper, name):.{digits}f}" if paper else NOTHING
 
 
-def _perceptions(rows: Sequence[Row]) -> list[str]:
+def _perceptions(rows: Sequence[CollisionRow]) -> list[str]:
     """Return who drove with facts from where, and over how many episodes."""
     by: dict[tuple[str, int], dict[str, None]] = {}
     for row in rows:

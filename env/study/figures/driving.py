@@ -47,7 +47,7 @@ CHARACTERISTICS = (
 
 
 @dataclass(frozen=True)
-class Row:
+class DrivingRow:
     """How somebody drives in some traffic.
 
     Attributes:
@@ -66,7 +66,7 @@ class Row:
         return None if value is None else characteristic.scale * value
 
 
-def driving_rows(contenders: Iterable[Contender]) -> list[Row]:
+def driving_rows(contenders: Iterable[Contender]) -> list[DrivingRow]:
     """Return a row for everybody who has driven both cells with some traffic."""
     rows = []
     for contender in contenders:
@@ -76,11 +76,11 @@ def driving_rows(contenders: Iterable[Contender]) -> list[Row]:
             }
             complete = {name: pooled for name, pooled in measured.items() if pooled is not None}
             if complete:
-                rows.append(Row(contender, traffic, complete))
+                rows.append(DrivingRow(contender, traffic, complete))
     return rows
 
 
-def csv_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def csv_rows(rows: Sequence[DrivingRow]) -> list[dict[str, Any]]:
     """Return the rows for a CSV file, in SI units; shares are fractions."""
     return [
         {
@@ -94,7 +94,7 @@ def csv_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[DrivingRow]) -> str:
     """Return a table for each density of traffic."""
     header = " | ".join(f"{c.label} {c.unit}" for c in CHARACTERISTICS).replace("*", r"\*")
     parts = [
@@ -124,7 +124,7 @@ def _csv_cells(characteristic: Characteristic, pooled: Pooled) -> list[tuple[str
     return [(f"{name}_{what}".rstrip("_"), value) for what, value in cells]
 
 
-def _markdown_row(row: Row) -> str:
+def _markdown_row(row: DrivingRow) -> str:
     values = [row.value(c) for c in CHARACTERISTICS]
     shown = ["–" if value is None else f"{value:.2f}" for value in values]
     seeds = str(len(row.measured["min_ttc"].seeds))

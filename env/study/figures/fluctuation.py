@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from env.evaluation.evaluate import Summary
 from env.evaluation.statistics import Mean
 from env.study.figures.contenders import TRAFFIC, Group, in_order, level
-from env.study.figures.driving import Row
+from env.study.figures.driving import DrivingRow
 from env.study.figures.style import WIDTH, caption
 from sfol.tools.plotting import new_figure
 
@@ -29,7 +29,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
 _BAR = 0.27  # width of one; setups stand 1 apart
 
 
-def draw_fluctuation(rows: Sequence[Row], groups: Sequence[Group]) -> Figure:
+def draw_fluctuation(rows: Sequence[DrivingRow], groups: Sequence[Group]) -> Figure:
     """Draw a panel for each weight, with bars for each setup and density of traffic.
 
     Args:
@@ -59,7 +59,7 @@ def draw_fluctuation(rows: Sequence[Row], groups: Sequence[Group]) -> Figure:
     return figure
 
 
-def weights_of(rows: Sequence[Row]) -> list[str]:
+def weights_of(rows: Sequence[DrivingRow]) -> list[str]:
     """Return the names of all weights that were measured."""
     summaries = [s for row in rows for runs in row.contender.seeds.values() for s in runs.values()]
     return sorted({weight for summary in summaries for weight in summary.fluctuation})
@@ -69,7 +69,7 @@ def _of_summary(weight: str, summary: Summary) -> Mean:
     return summary.fluctuation.get(weight, Mean.over(()))
 
 
-def _draw_bar(axis: Axes, place: int, row: Row, weight: str) -> None:
+def _draw_bar(axis: Axes, place: int, row: DrivingRow, weight: str) -> None:
     pooled = row.contender.measured(level(row.traffic), partial(_of_summary, weight))
     if pooled is None or pooled.value is None:
         return

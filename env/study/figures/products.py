@@ -125,7 +125,10 @@ def _figure(
 
 
 def _write_text(
-    rows: Sequence[collision_test.Row], driven: Sequence[driving.Row], paper: Paper, path: Path
+    rows: Sequence[collision_test.CollisionRow],
+    driven: Sequence[driving.DrivingRow],
+    paper: Paper,
+    path: Path,
 ) -> None:
     parts = [collision_test.markdown(rows, paper), *([driving.markdown(driven)] if driven else [])]
     with replacing(path) as part:
@@ -141,7 +144,7 @@ def _write(console: Console, product: Product, output: Path) -> None:
     console.print(f"written: {output / product.name}", soft_wrap=True)
 
 
-def _print(console: Console, rows: Sequence[collision_test.Row]) -> None:
+def _print(console: Console, rows: Sequence[collision_test.CollisionRow]) -> None:
     """Print the tables in short: success, collision and timeout, and the stopping distance."""
     for title, members in collision_test.tables(rows).items():
         table = Table(

@@ -11,7 +11,7 @@ from math import nan, pi
 from typing import TYPE_CHECKING
 
 from env.study.figures.contenders import TRAFFIC, Group, in_order
-from env.study.figures.driving import CHARACTERISTICS, Characteristic, Row
+from env.study.figures.driving import CHARACTERISTICS, Characteristic, DrivingRow
 from env.study.figures.style import WIDTH, Look, caption, looks
 from sfol.tools.plotting import new_figure
 
@@ -65,7 +65,7 @@ class Axis:
         return HALFWAY if self.flat else (value - self.worst) / (self.best - self.worst)
 
 
-def axes_of(rows: Sequence[Row]) -> dict[str, Axis]:
+def axes_of(rows: Sequence[DrivingRow]) -> dict[str, Axis]:
     """Return the axis of each characteristic, by its name."""
     return {
         c.name: Axis.over([row.value(c) for row in rows], starred=c.starred)
@@ -73,7 +73,7 @@ def axes_of(rows: Sequence[Row]) -> dict[str, Axis]:
     }
 
 
-def draw_radar(rows: Sequence[Row], groups: Sequence[Group]) -> Figure:
+def draw_radar(rows: Sequence[DrivingRow], groups: Sequence[Group]) -> Figure:
     """Draw a row of three plots, low, medium and high traffic, for each group of setups.
 
     Args:
@@ -117,7 +117,10 @@ def _frame(plot: PolarAxes, title: str) -> None:
 
 
 def _draw(
-    plot: PolarAxes, rows: Mapping[str, Row], axes: Mapping[str, Axis], look: Mapping[str, Look]
+    plot: PolarAxes,
+    rows: Mapping[str, DrivingRow],
+    axes: Mapping[str, Axis],
+    look: Mapping[str, Look],
 ) -> None:
     for name, row in rows.items():
         values = [axes[c.name].outward(row.value(c)) for c in CHARACTERISTICS]
@@ -152,7 +155,7 @@ def _legend(part: SubFigure, look: Mapping[str, Look]) -> None:
     )
 
 
-def _caption(rows: Sequence[Row], axes: Mapping[str, Axis]) -> str:
+def _caption(rows: Sequence[DrivingRow], axes: Mapping[str, Axis]) -> str:
     ranges = [_range(c, axes[c.name]) for c in CHARACTERISTICS]
     lines = [
         "Outward is better: axes marked * are inverted. Inner ring → outer ring, the worst and the "
@@ -181,7 +184,7 @@ def _range(characteristic: Characteristic, axis: Axis) -> str:
     return f"{characteristic.label} {axis.worst:.3g} → {axis.best:.3g} {characteristic.unit}"
 
 
-def _missing(rows: Sequence[Row]) -> str:
+def _missing(rows: Sequence[DrivingRow]) -> str:
     """Return who has no value of what, in which traffic."""
     parts = []
     for characteristic in CHARACTERISTICS:
@@ -195,7 +198,7 @@ def _missing(rows: Sequence[Row]) -> str:
     return " ".join(parts)
 
 
-def _absent(rows: Sequence[Row]) -> str:
+def _absent(rows: Sequence[DrivingRow]) -> str:
     """Return who has driven in some traffic, but not in this one."""
     driven = {(row.contender.name, row.traffic) for row in rows}
     names = dict.fromkeys(row.contender.name for row in rows)
