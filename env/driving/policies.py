@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from env.driving.drivers import DRIVERS, Driver
-from env.perception.weights_folder import weights_folder
+from env.perception.weights_folder import WHERE_FROM, weights_folder
 from env.street.observation import ObservationKind, Observer, observer_of
 from env.street.view import StreetView
 from env.world.camera import DashCameraParameters
@@ -152,7 +152,9 @@ def check_exists(path: Path) -> None:
         UsageError: there is no such file.
     """
     if not path.is_file():
-        raise UsageError(f"there is no policy file '{path}'", name=str(path))
+        missing = f"there is no policy file '{path}'"
+        shipped = path == policy_file(TRAINED)
+        raise UsageError(missing, name=str(path), suggestion=WHERE_FROM if shipped else None)
 
 
 def _check_file(path: Path, trust: bool) -> None:

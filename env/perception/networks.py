@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
+from env.perception.weights_folder import WHERE_FROM, weights_folder
 from sfol.errors import UsageError, missing_extra
 from vsr.grounding import Camera
 
@@ -69,10 +69,7 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
         raise UsageError(
             f"there are no weights '{file}'",
             name=str(file),
-            suggestion=(
-                f"they come with a checkout; {FOLDER_VARIABLE} names another folder; "
-                f"aeb networks {network} --help says how to train them"
-            ),
+            suggestion=f"{WHERE_FROM}; aeb networks {network} --help says how to train them",
         )
     trained_on = read_card(file).trained_on
     if trained_on.renderer != renderer:

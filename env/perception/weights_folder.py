@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 FOLDER_VARIABLE = "AEB_WEIGHTS"
+WHERE_FROM = f"weights come with a checkout; {FOLDER_VARIABLE} names another folder"
 
 _IN_THE_PACKAGE = Path(__file__).parents[1] / "weights"
 

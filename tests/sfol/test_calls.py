@@ -22,13 +22,13 @@ NO_NUMBERS = [
         (0.5,),
         {},
         {"a": 1},
-        object(),
+        ...,
         np.array([0.5]),
         np.zeros((2, 2)),
     ),
     *(float("nan"), float("inf"), -1, 2, 10**400, 1j, np.float32("nan"), range(3)),
 ]
-NO_NAMES = [None, 3, 0.5, "", "X", "a b", "a,b", "é!", ["a"], {"a": 1}, {1}, b"a", ("a",), object()]
+NO_NAMES = [None, 3, 0.5, "", "X", "a b", "a,b", "é!", ["a"], {"a": 1}, {1}, b"a", ("a",), ...]
 
 
 @pytest.mark.parametrize("number", NUMBERS, ids=repr)

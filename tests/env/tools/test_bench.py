@@ -12,6 +12,7 @@ from env.cli import app
 def test_every_stage_is_reported(monkeypatch):
     monkeypatch.setattr(sfol.tools.bench, "_SECONDS", 0.0)
     monkeypatch.setattr(env.tools.bench, "_FRAMES", 1)
+    monkeypatch.setattr(env.tools.bench, "_STRETCH", 5)
     done = CliRunner().invoke(app, ["bench"])
     assert done.exit_code == 0, done.output
     figures = json.loads(done.stdout)
