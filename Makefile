@@ -3,8 +3,10 @@ PYTHON ?= python3.11
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+UV     := $(BIN)/uv pip install --quiet
+CORE_TESTS := tests/sfol tests/laws tests/test_imports.py -n 2 --passed-at-least 700
 
-.PHONY: help demo test test-long coverage lint bench docs clean
+.PHONY: help demo test test-core test-lowest test-long coverage lint bench docs clean
 
 help:  ## Say what the targets do
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -14,6 +16,24 @@ demo: $(INSTALLED)  ## Drive the occluded crossing, print the episodes, write ru
 
 test: $(INSTALLED)  ## Run all tests
 	$(BIN)/python -m pytest
+
+test-core: $(addprefix test-core-,3.12 3.13) test-lowest  ## Test the core alone: on newer Pythons, with the lowest versions
+
+# A Python is looked for on the path and among pyenv's; one that is not there is named and left out.
+test-core-%: $(INSTALLED)
+	@python=$$(for each in python$* $${PYENV_ROOT:-$$HOME/.pyenv}/versions/$*.*/bin/python; do \
+	    $$each -c '' 2>/dev/null && echo $$each; done | tail -1); \
+	if [ -z "$$python" ]; then echo "There is no Python $* here: the core is not tested on it."; exit 0; fi; \
+	echo "The core alone on $$($$python --version):" && \
+	$(BIN)/uv venv --quiet --clear --python $$python $(VENV)/core-$* && \
+	$(UV) --python $(VENV)/core-$* --constraint constraints.txt --editable '.[core-tests]' && \
+	$(VENV)/core-$*/bin/python -m pytest $(CORE_TESTS)
+
+test-lowest: $(INSTALLED)
+	@echo "The core alone, with the lowest versions that pyproject.toml allows:"
+	@$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(VENV)/core-lowest
+	@$(UV) --python $(VENV)/core-lowest --resolution lowest-direct --editable '.[core-tests]'
+	@$(VENV)/core-lowest/bin/python -m pytest $(CORE_TESTS)
 
 test-long: $(INSTALLED)  ## Run the tests that take long: many more random cases
 	$(BIN)/python -m pytest -m long

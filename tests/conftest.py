@@ -25,3 +25,22 @@ def pytest_collection_modifyitems(config, items):
 if "PYTEST_XDIST_WORKER" in os.environ:
     # A process for each core: more threads would only wait for each other.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--passed-at-least",
+        type=int,
+        default=0,
+        metavar="N",
+        help="fail if fewer tests pass, as when most of them are skipped",
+    )
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session):
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    least = session.config.getoption("passed_at_least")
+    if reporter and len(reporter.stats.get("passed", ())) < least:
+        reporter.write_line(f"\nfewer than {least} tests passed", red=True)
+        session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED

@@ -16,6 +16,7 @@ HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet")
 # not at all. A module at the top of a package is a room of its own, unless it is one of the ground.
 GROUND = {
     "sfol": {
+        "data_folder",
         "errors",
         "arrays",
         "writing",

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from sfol import strict_yaml
+from sfol.data_folder import data_folder
 from sfol.errors import (
     MAXIMUM_ERRORS,
     FileError,
@@ -39,9 +40,7 @@ _OWN_SECTIONS = ("extends", "remove", "tests", "description")
 
 def bundled_folder() -> Path:
     """Return the folder of the bundled knowledge bases: in a wheel, or in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    inside = package / "rules"
-    return inside if inside.is_dir() else package.parent / "rules"
+    return data_folder(Path(__file__).resolve().parents[1], "rules")
 
 
 def bundled_names() -> tuple[str, ...]:

@@ -6,8 +6,6 @@ import os
 import subprocess
 import sys
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +14,9 @@ import sfol
 from sfol import Facts, KnowledgeBase
 from sfol.errors import MissingExtraError, UsageError
 from sfol.logs import LOG_VERSION, LogError, LogWriter, read_log
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,14 @@
 """Any Gymnasium environment, rewarded by rules."""
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import sfol
-from sfol.wrappers import RuleReward, Transition
+
+gymnasium = pytest.importorskip("gymnasium")
+check_env = pytest.importorskip("gymnasium.utils.env_checker").check_env
+
+from sfol.wrappers import RuleReward, Transition  # noqa: E402 (it needs gymnasium)
 
 SEEN: list[Transition] = []
 

@@ -3,7 +3,6 @@
 import json
 import os
 
-import jsonschema
 import pytest
 import yaml
 
@@ -12,6 +11,8 @@ from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.schema import json_schema, schema_text
 from tests.sfol.command_line import ROOT, RULES, sfol
 from tests.sfol.conftest import KITCHEN
+
+jsonschema = pytest.importorskip("jsonschema")
 
 COMMITTED = ROOT / "sfol" / "knowledge_base.schema.json"
 BASE = KITCHEN.replace("{SEMANTICS}", "{}")

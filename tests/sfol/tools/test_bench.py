@@ -43,6 +43,7 @@ def test_an_entity_is_repeated_with_all_that_is_said_of_it():
 
 
 def test_every_figure_is_reported(quick):
+    pytest.importorskip("torch")
     stages = []
     figures = measure(KnowledgeBase.load("aeb"), progress=stages.append)
     assert stages == ["import", "single", "batch", "gradient"]
@@ -52,7 +53,15 @@ def test_every_figure_is_reported(quick):
     assert figures["gradient"]["ratio"] > 0
 
 
+def test_without_torch_there_is_no_figure_of_a_gradient(quick, monkeypatch):
+    monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: None)
+    figures = measure(KnowledgeBase.load("aeb"))
+    assert figures["gradient"] is None
+    assert figures["batch"]
+
+
 def test_the_command_prints_json_and_tables(quick):
+    pytest.importorskip("torch")
     done = CliRunner().invoke(app, ["bench", "aeb", "--json"])
     assert json.loads(done.stdout)["knowledge_base"] == "aeb"
     shown = CliRunner().invoke(app, ["bench", "cartpole"]).stdout
@@ -69,6 +78,7 @@ def test_a_file_without_a_scene_is_an_error(kitchen):
 def test_the_start_without_a_cache_can_be_left_out(quick, monkeypatch, left_out):
     monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: name == "pyreason")
     monkeypatch.setattr(sfol.tools.bench, "_single", lambda *_: {})
+    monkeypatch.setattr(sfol.tools.bench, "_gradient", lambda *_: None)
     monkeypatch.setattr(sfol.tools.bench, "ready", lambda: {"ready_in_a_new_process_s": 7.0})
     monkeypatch.setattr(sfol.tools.bench, "ready_compared", lambda: {"cold_s": 590.0})
     figures = measure(KnowledgeBase.load("aeb"), quick=left_out)
