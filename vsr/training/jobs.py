@@ -249,4 +249,6 @@ def _rounded(value: Any) -> Any:
 
 
 def _command() -> str:
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    program = Path(sys.argv[0]).name
+    called = ["python", "-m", "vsr.training"] if program == "__main__.py" else [program]
+    return shlex.join([*called, *sys.argv[1:]])

@@ -84,9 +84,14 @@ def test_each_part_is_compared(tmp_path, old, new, section, name, kind):
 
 
 def test_the_parts_of_a_change_are_told_apart(kitchen):
-    (change,) = compare(kitchen(), kitchen({"k: 2.0": "k: 2.5, j: 1.0"}))
-    assert change.before == {"parameters.k": "2.0"}
-    assert change.after == {"parameters.k": "2.5", "parameters.j": "1.0"}
+    changes = {"-k * speed": "-k * speed - j", "k: 2.0": "k: 2.5, j: 1.0"}
+    (change,) = compare(kitchen(), kitchen(changes))
+    assert change.before == {"formula": "-k * speed", "parameters.k": "2.0"}
+    assert change.after == {
+        "formula": "-k * speed - j",
+        "parameters.k": "2.5",
+        "parameters.j": "1.0",
+    }
 
 
 def test_the_order_of_entity_weights_counts():
