@@ -9,6 +9,10 @@ from hypothesis import HealthCheck, settings
 settings.register_profile("sfol", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("sfol")
 
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # A process for each core: more threads would only wait for each other.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 def pytest_collection_modifyitems(config, items):
     """Keep a file's tests in one process, where they share fixtures; PyReason's in one for all.
@@ -20,11 +24,6 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         group = "pyreason" if "differential" in item.path.parts else str(item.path)
         item.add_marker(pytest.mark.xdist_group(group))
-
-
-if "PYTEST_XDIST_WORKER" in os.environ:
-    # A process for each core: more threads would only wait for each other.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 def pytest_addoption(parser):
