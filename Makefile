@@ -14,8 +14,8 @@ help:  ## Say what the targets do
 demo: $(INSTALLED)  ## Drive the occluded crossing, print the episodes, write runs/demo/report.html
 	$(BIN)/aeb demo
 
-test: $(INSTALLED)  ## Run all tests
-	$(BIN)/python -m pytest
+test: $(INSTALLED)  ## Run all tests, in a process for each core
+	$(BIN)/python -m pytest -n auto --dist loadgroup
 
 test-core: $(addprefix test-core-,3.12 3.13) test-lowest  ## Test the core alone: on newer Pythons, with the lowest versions
 

@@ -1,11 +1,29 @@
 """What all tests share."""
 
+import os
+
 import pytest
 from hypothesis import HealthCheck, settings
 
 # No test depends on time: how long an example takes says more about the machine than about us.
 settings.register_profile("sfol", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("sfol")
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # A process for each core: more threads would only wait for each other.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Keep a file's tests in one process, where they share fixtures; PyReason's in one for all.
+
+    PyReason compiles itself when it is first started on an installation, which takes minutes.
+    """
+    if not config.pluginmanager.hasplugin("xdist"):
+        return
+    for item in items:
+        group = "pyreason" if "differential" in item.path.parts else str(item.path)
+        item.add_marker(pytest.mark.xdist_group(group))
 
 
 def pytest_addoption(parser):

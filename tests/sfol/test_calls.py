@@ -31,7 +31,7 @@ NO_NUMBERS = [
 NO_NAMES = [None, 3, 0.5, "", "X", "a b", "a,b", "é!", ["a"], {"a": 1}, {1}, b"a", ("a",), ...]
 
 
-@pytest.mark.parametrize("number", NUMBERS, ids=repr)
+@pytest.mark.parametrize("number", NUMBERS, ids=lambda value: type(value).__name__)
 def test_a_number_of_any_type_becomes_pythons_own(number):
     facts = Facts()
     facts.add("Hot", "pan", confidence=number)
@@ -42,7 +42,7 @@ def test_a_number_of_any_type_becomes_pythons_own(number):
     assert Facts.parse(str(facts)) == facts
 
 
-@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: type(value).__name__)
 def test_what_is_no_number_from_0_to_1_is_refused(value):
     facts = Facts()
     for given in (
@@ -57,7 +57,7 @@ def test_what_is_no_number_from_0_to_1_is_refused(value):
     assert not len(facts)
 
 
-@pytest.mark.parametrize("name", NO_NAMES, ids=repr)
+@pytest.mark.parametrize("name", NO_NAMES, ids=lambda value: type(value).__name__)
 def test_what_is_no_name_is_refused(name):
     facts = Facts.parse("Hot(pan). Near(pan, pot).")
     for call in (("Hot", name), ("Near", "pan", name), ("Cold", name)):
@@ -66,7 +66,9 @@ def test_what_is_no_name_is_refused(name):
     assert len(facts) == 2
 
 
-@pytest.mark.parametrize("name", [name for name in NO_NAMES if name != "X"], ids=repr)
+@pytest.mark.parametrize(
+    "name", [name for name in NO_NAMES if name != "X"], ids=lambda value: type(value).__name__
+)
 def test_what_is_no_predicate_is_refused(name):
     with pytest.raises(FactError):
         Facts().add(name, "pan")
