@@ -15,7 +15,7 @@ demo: $(INSTALLED)  ## Drive the occluded crossing, print the episodes, write ru
 	$(BIN)/aeb demo
 
 test: $(INSTALLED)  ## Run all tests, in a process for each core
-	$(BIN)/python -m pytest -n auto --dist loadgroup
+	$(BIN)/python -m pytest -n auto
 
 test-core: $(addprefix test-core-,3.12 3.13) test-lowest  ## Test the core alone: on newer Pythons, with the lowest versions
 
