@@ -11,11 +11,14 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.parametrize("module", ["pybullet", "gymnasium", "scipy", "torch"])
 def test_a_missing_extra_gives_one_line_that_names_it(module):
-    code = f"import sys; sys.modules['{module}'] = None; from env.__main__ import main; main()"
+    code = (
+        f"import sys; sys.modules['{module}'] = None; sys.argv = ['aeb', 'demo']\n"
+        "from env.__main__ import main; main()"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     # pybullet itself writes one line when it is imported
     lines = [line for line in done.stderr.splitlines() if "pybullet build time" not in line]
     assert len(lines) == 1, done.stderr

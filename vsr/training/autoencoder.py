@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-from vsr.networks.inference import arithmetic, default_device, to_input
+from vsr.networks.inference import default_device, to_input, training_dtype
 from vsr.training.augmentation import relight
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, batches
@@ -32,7 +32,7 @@ class AutoencoderTask:
         device: torch.device | None = None,
     ) -> None:
         self._device = device or default_device()
-        self._dtype = arithmetic("auto", self._device)
+        self._dtype = training_dtype(self._device)
         self.network = network.to(self._device).to(memory_format=torch.channels_last)
         self.size = len(train)
         self._train = torch.from_numpy(train.gray)

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, SemanticClass
-from vsr.networks.inference import arithmetic, default_device, to_input
+from vsr.networks.inference import default_device, to_input, training_dtype
 from vsr.training.augmentation import relight
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, batches
@@ -42,7 +42,7 @@ class SegmenterTask:
     ) -> None:
         self._part = windows if focus else band
         self._device = device or default_device()
-        self._dtype = arithmetic("auto", self._device)
+        self._dtype = training_dtype(self._device)
         self.network = network.to(self._device).to(memory_format=torch.channels_last)
         self.size = len(train)
         self._train = _tensors(train)
