@@ -108,7 +108,7 @@ def test_the_chance_of_the_best_of_all_is_as_drawn():
 @pytest.fixture
 def project(tmp_path, monkeypatch):
     monkeypatch.setattr(capacity, "COUNTS", (1, 2))
-    (tmp_path / "docs").mkdir()
+    (tmp_path / capacity.PAGE).parent.mkdir(parents=True)
     (tmp_path / capacity.PAGE).write_text(
         f"above\n{capacity._BEGIN}\nold\n{capacity._END}\nbelow\n"
     )
