@@ -106,7 +106,7 @@ def test_explain_takes_the_scene_of_a_test_or_of_a_file(tmp_path):
     [
         (("check", "nowhere"), "there is no knowledge base 'nowhere'"),
         (("check", "nowhere.yaml"), "can't be read"),
-        (("check", "docs/"), "no knowledge base below"),
+        (("check", "vsr/"), "no knowledge base below"),
         (("explain", "aeb", "--test", "an empty raod is for driving"), "did you mean 'an empty road"),
         (("explain", "aeb", "-s", "v:6"), "'v:6' is not a signal"),
         (("explain", "aeb", "-s", "v=6"), "the signal 'v_next' is missing"),
