@@ -40,8 +40,18 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def is_real(values: Array) -> bool:
+        """Tell whether the elements are truth values, integers or real numbers."""
+        ...
+
+    @staticmethod
     def has_nan(values: Array) -> bool:
         """Tell whether any element is NaN."""
+        ...
+
+    @staticmethod
+    def is_finite(values: Array) -> bool:
+        """Tell whether every element is finite."""
         ...
 
     @staticmethod
@@ -80,7 +90,11 @@ class Backend(Protocol):
         ...
 
     def array(self, values: Array) -> Array:
-        """Return an array of this kind; real numbers get the precision of the computation."""
+        """Return row numbers or truth values as an array of this kind."""
+        ...
+
+    def real(self, values: Array) -> Array:
+        """Return numbers as real ones of this kind, in the precision of the computation."""
         ...
 
     def full(self, count: int, value: float | bool) -> Array:
@@ -126,8 +140,16 @@ class _Numpy(Backend):
         return isinstance(value, np.ndarray)
 
     @staticmethod
+    def is_real(values: Array) -> bool:
+        return values.dtype.kind in "biuf"
+
+    @staticmethod
     def has_nan(values: Array) -> bool:
         return bool(np.isnan(values).any())
+
+    @staticmethod
+    def is_finite(values: Array) -> bool:
+        return bool(np.isfinite(values).all())
 
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
@@ -139,6 +161,9 @@ class _Numpy(Backend):
 
     def array(self, values: Array) -> Array:
         return values
+
+    def real(self, values: Array) -> Array:
+        return np.asarray(values, dtype=np.float64)
 
     def full(self, count: int, value: float | bool) -> Array:
         return np.full(count, value)
@@ -184,18 +209,24 @@ class _Torch(Backend):
         return torch is not None and isinstance(value, torch.Tensor)
 
     @staticmethod
+    def is_real(values: Array) -> bool:
+        return not values.is_complex()
+
+    @staticmethod
     def has_nan(values: Array) -> bool:
         return bool(values.isnan().any())
 
     @staticmethod
+    def is_finite(values: Array) -> bool:
+        return bool(values.isfinite().all())
+
+    @staticmethod
     def minimum(left: Array, right: Array) -> Array:
-        torch = sys.modules["torch"]
-        return torch.minimum(torch.as_tensor(left), torch.as_tensor(right))
+        return sys.modules["torch"].minimum(*_Torch._alike(left, right))
 
     @staticmethod
     def maximum(left: Array, right: Array) -> Array:
-        torch = sys.modules["torch"]
-        return torch.maximum(torch.as_tensor(left), torch.as_tensor(right))
+        return sys.modules["torch"].maximum(*_Torch._alike(left, right))
 
     @staticmethod
     def exp(values: Array) -> Array:
@@ -213,19 +244,36 @@ class _Torch(Backend):
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
         torch = sys.modules["torch"]
         chosen = torch.as_tensor(condition) != 0
-        pair = (torch.as_tensor(value, device=chosen.device) for value in (then, otherwise))
-        return torch.where(chosen, *pair)
+        return torch.where(
+            chosen, *(pair.to(chosen.device) for pair in _Torch._alike(then, otherwise))
+        )
+
+    @staticmethod
+    def _alike(left: Array, right: Array) -> tuple[Array, Array]:
+        """Return two values as tensors of one type; a number takes that of the tensor beside it."""
+        torch = sys.modules["torch"]
+        tensors = [value for value in (left, right) if isinstance(value, torch.Tensor)]
+        like = tensors[0] if tensors else torch.empty(0, dtype=torch.float64)
+        return tuple(
+            torch.as_tensor(value, dtype=like.dtype, device=like.device)
+            if isinstance(value, float | int)
+            else torch.as_tensor(value)
+            for value in (left, right)
+        )
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
-        float64 = sys.modules["torch"].float64
+        torch = sys.modules["torch"]
         dtypes = [tensor.dtype for tensor in values if tensor.is_floating_point()]
-        widest = float64 if float64 in dtypes or not dtypes else dtypes[0]
-        return cls(max((tensor.device for tensor in values), key=str), widest)
+        # Half precision overflows at the square of 256: it is computed with in single precision.
+        precision = torch.float64 if torch.float64 in dtypes or not dtypes else torch.float32
+        return cls(max((tensor.device for tensor in values), key=str), precision)
 
     def array(self, values: Array) -> Array:
-        tensor = self._torch.as_tensor(values, device=self._device)
-        return tensor.to(self._dtype) if tensor.is_floating_point() else tensor
+        return self._torch.as_tensor(values, device=self._device)
+
+    def real(self, values: Array) -> Array:
+        return self._torch.as_tensor(values, device=self._device).to(self._dtype)
 
     def full(self, count: int, value: float | bool) -> Array:
         dtype = self._torch.bool if isinstance(value, bool) else self._dtype
@@ -281,12 +329,41 @@ def is_differentiable(value: object) -> bool:
     return kind is not None and kind.differentiable
 
 
+def is_real(value: Array) -> bool:
+    """Tell whether an array holds numbers that can be real ones: neither texts nor complex ones."""
+    kind = _kind_of([value])
+    return kind is None or kind.is_real(value)
+
+
 def has_nan(value: Array) -> bool:
     """Tell whether a number, or any element of an array, is NaN."""
     if isinstance(value, float):  # as most are that a single scene asks about
         return math.isnan(value)
     kind = _kind_of([value])
     return math.isnan(value) if kind is None else kind.has_nan(value)
+
+
+def is_finite(value: Array) -> bool:
+    """Tell whether a number, or every element of an array, is finite."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    kind = _kind_of([value])
+    return math.isfinite(value) if kind is None else kind.is_finite(value)
+
+
+def as_float(value: object) -> float | None:
+    """Return a real number of any type, such as numpy's, as Python's own; None if it is none.
+
+    Texts are no numbers, and arrays only those without dimensions.
+    """
+    if type(value) is float:
+        return value
+    if isinstance(value, str | bytes | bytearray) or getattr(value, "ndim", None):
+        return None
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # torch raises the last
+        return None
 
 
 def _elementwise(name: str, of_numbers: Callable[..., float]) -> Callable[..., Array]:

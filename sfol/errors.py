@@ -6,6 +6,9 @@ import bisect
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, order=True)
@@ -113,6 +116,38 @@ class FileError(UsageError):
 
 class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
+
+
+def expect(value: object, kind: type | tuple[type, ...], what: str, suggestion: str) -> None:
+    """Make sure that an argument is of the kind that a function takes.
+
+    Args:
+        value: the argument.
+        kind: what it must be an instance of.
+        what: the argument's name, for the message.
+        suggestion: what to give instead.
+
+    Raises:
+        UsageError: it is of another kind.
+    """
+    if not isinstance(value, kind):
+        raise UsageError(
+            f"{what} is of type {type(value).__name__}", name=what, suggestion=suggestion
+        )
+
+
+def listed(values: Iterable[_Item], what: str, suggestion: str) -> list[_Item]:
+    """Return an argument's items as a list.
+
+    Raises:
+        UsageError: it has none to go through; `what` and `suggestion` as for `expect`.
+    """
+    try:
+        return list(values)
+    except TypeError:  # arrays without dimensions say that they could be gone through
+        raise UsageError(
+            f"{what}: {type(values).__name__} is no list", name=what, suggestion=suggestion
+        ) from None
 
 
 def missing_extra(

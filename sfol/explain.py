@@ -17,6 +17,7 @@ from sfol.engines.engine import Engine
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.engines.tables import Tables
+from sfol.errors import expect
 from sfol.facts import Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Literal
@@ -91,7 +92,12 @@ class Explanation:
         return self.root.to_dict()
 
     def cut(self, depth: int) -> Explanation:
-        """Return the explanation with at most so many levels below the reward."""
+        """Return the explanation with at most so many levels below the reward.
+
+        Raises:
+            UsageError: the depth is no whole number.
+        """
+        expect(depth, int, "the depth", "give a whole number, such as 3")
         return Explanation(self.root.cut(depth))
 
     def to_networkx(self) -> networkx.DiGraph[int]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
-from sfol.errors import FactError, did_you_mean
+from sfol.arrays import as_float
+from sfol.errors import FactError, did_you_mean, expect, listed
 from sfol.syntax import Atom, is_name, is_variable, parse_facts
 
 DEFAULT_MARGIN = 0.05
@@ -57,16 +57,10 @@ class Bound(NamedTuple):
         Source: the paper, below its equation for an entity's confidence, with m = 0.05.
 
         Raises:
-            FactError: unless the confidence is a number in [0, 1].
+            FactError: unless confidence and margin are numbers in [0, 1].
         """
-        confidence = _number(confidence, of)
-        if not 0.0 <= confidence <= 1.0:
-            raise FactError(
-                f"{of} has the confidence {confidence}",
-                name=of,
-                suggestion="a confidence is between 0 and 1",
-            )
-        spread = margin * confidence
+        confidence = _share(confidence, f"{of}: the confidence")
+        spread = _share(margin, f"{of}: the margin") * confidence
         return cls(max(confidence - spread, 0.0), min(confidence + spread, 1.0))
 
     def __str__(self) -> str:
@@ -75,15 +69,21 @@ class Bound(NamedTuple):
 
 def _number(value: object, of: str) -> float:
     """Return a number of any type, such as numpy's, as Python's own."""
-    if type(value) is float:
-        return value
-    is_text_or_array = isinstance(value, str | bytes) or bool(getattr(value, "ndim", 0))
-    with suppress(TypeError, ValueError, OverflowError):
-        if not is_text_or_array:
-            return float(value)  # type: ignore[arg-type]
+    number = as_float(value)
+    if number is not None:
+        return number
     raise FactError(
         f"{of} has {value!r:.80} for a number", name=of, suggestion="give a single number"
     )
+
+
+def _share(value: object, what: str) -> float:
+    number = as_float(value)
+    if number is None or not 0.0 <= number <= 1.0:
+        raise FactError(
+            f"{what} is {value!r:.80}", name=what, suggestion="it is a number between 0 and 1"
+        )
+    return number
 
 
 TRUE = Bound(1.0, 1.0)
@@ -113,9 +113,7 @@ class Facts:
     __slots__ = ("_relations", "margin")
 
     def __init__(self, *, margin: float = DEFAULT_MARGIN) -> None:
-        if not 0.0 <= margin <= 1.0:
-            raise FactError(f"the margin is {margin}", suggestion="it is between 0 and 1")
-        self.margin = margin
+        self.margin = _share(margin, "the margin")
         self._relations: dict[str, dict[tuple[str, ...], Bound]] = {}
 
     @classmethod
@@ -132,7 +130,8 @@ class Facts:
             FactError: a bound is none, or an atom stands twice with different bounds.
         """
         facts = cls(margin=margin)
-        for part in [text] if isinstance(text, str) else text:
+        texts = [text] if isinstance(text, str) else text
+        for part in listed(texts, "facts", "give a text, or a list of texts"):
             for atom, bound, confidence in parse_facts(part):
                 facts.add(*_flat(atom), bound=bound, confidence=confidence)
         return facts
@@ -179,10 +178,14 @@ class Facts:
 
     def bound(self, predicate: str, *constants: str) -> Bound | None:
         """Return the bound of an atom, or None if it is unknown."""
-        return self._relations.get(predicate, {}).get(constants)
+        try:
+            return self._relations.get(predicate, {}).get(constants)
+        except TypeError:  # what can't be a key is no name either
+            return None
 
     def relation(self, predicate: str) -> Relation:
         """Return the constants and bounds of every atom of a predicate; do not change it."""
+        expect(predicate, str, "a predicate", "give its name")
         return self._relations.get(predicate, {})
 
     def predicates(self) -> Iterable[str]:
@@ -195,6 +198,7 @@ class Facts:
 
     def about(self, entity: str) -> Facts:
         """Return the facts that name an entity."""
+        expect(entity, str, "an entity", "give its name")
         chosen = Facts(margin=self.margin)
         for atom, bound in self.items():
             if entity in atom.arguments:

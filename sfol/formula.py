@@ -3,24 +3,27 @@
 A formula has numbers, the names of signals and parameters, ``+ - * / **``, comparisons (which
 give 1 or 0) and the functions of `FUNCTIONS`. Python's own parser reads the text into a syntax
 tree; every node of it must be one of those kinds, and becomes a small function of the named
-values. Nothing of the text is ever run.
+values. Nothing of the text is ever run. What the operations give is said in `sfol.arithmetic`.
 """
 
 from __future__ import annotations
 
 import ast
+import keyword
 import math
 import operator
-from collections.abc import Callable, Collection, Mapping
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
-from functools import reduce
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sfol import arrays
+from sfol.arithmetic import COMPARISONS, FUNCTIONS, OPERATORS, SIGNS, Operation
 from sfol.arrays import Array
-from sfol.errors import FormulaError, did_you_mean
+from sfol.errors import FormulaError, did_you_mean, expect
 
 MAXIMUM_LENGTH = 2_000
 MAXIMUM_DEPTH = 40
@@ -28,42 +31,38 @@ MAXIMUM_DEPTH = 40
 Values = Mapping[str, Array]
 _Evaluator = Callable[[Values], Array]
 
-_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-}
-_UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-}
-_COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-}
+
+class _Kind(NamedTuple):
+    """How a formula is evaluated: which function of an operation is meant, how a name is read."""
+
+    function: Callable[[Operation], Callable[..., Array]]
+    name: Callable[[str], _Evaluator]
 
 
-def _clip(value: Array, low: Array, high: Array) -> Array:
-    return arrays.minimum(arrays.maximum(value, low), high)
-
-
-# name → (function of numbers, arrays or tensors, least and most arguments)
-FUNCTIONS: Mapping[str, tuple[Callable[..., Array], int, int]] = {
-    "abs": (abs, 1, 1),
-    "exp": (arrays.exp, 1, 1),
-    "log": (arrays.log, 1, 1),
-    "sqrt": (arrays.sqrt, 1, 1),
-    "min": (lambda *values: reduce(arrays.minimum, values), 2, 8),
-    "max": (lambda *values: reduce(arrays.maximum, values), 2, 8),
-    "clip": (_clip, 3, 3),
-    "where": (arrays.where, 3, 3),
+_BINARY: Mapping[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
 }
+_UNARY: Mapping[type[ast.unaryop], str] = {ast.UAdd: "+", ast.USub: "-"}
+_COMPARISONS: Mapping[type[ast.cmpop], str] = {
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+}
+# What other languages write → what a formula says instead.
+_OTHER_WORDS: Mapping[type[ast.AST], str] = {
+    ast.BitXor: "a power is written v**2",
+    ast.BoolOp: "write (a < b) * (b < c) for and, max(a, b) for or",
+    ast.Not: "write 1 - x, or x == 0",
+    ast.IfExp: "write where(condition, then, otherwise)",
+}
+_WORD = re.compile(r"[^\W\d]\w*")
 
 
 @dataclass(frozen=True)
@@ -81,6 +80,7 @@ class Formula:
 
     text: str
     names: frozenset[str]
+    _tree: ast.expr
     _evaluate: _Evaluator
 
     @classmethod
@@ -90,13 +90,15 @@ class Formula:
         Raises:
             FormulaError: with the offset of whatever is not in the grammar.
         """
+        expect(text, str, "a formula", "give a text, such as -xi * v**2")
         if len(text) > MAXIMUM_LENGTH:
             raise FormulaError(
                 f"the formula has {len(text)} characters; {MAXIMUM_LENGTH} are the limit"
             )
-        builder = _Builder()
-        evaluate = builder.build(_python_tree(text), 0)
-        return cls(text, frozenset(builder.names), evaluate)
+        tree = _python_tree(text)
+        names: set[str] = set()
+        evaluate = _built(tree, _NUMBERS, names)
+        return cls(text, frozenset(names), tree, evaluate)
 
     def check_names(self, known: Collection[str]) -> None:
         """Make sure that every name is a signal or a parameter.
@@ -112,42 +114,40 @@ class Formula:
                 offset=self.text.find(name),
             )
 
-    def __call__(self, values: Values) -> float:
+    def __call__(self, values: Mapping[str, float]) -> float:
         """Return the formula's value.
 
         Args:
             values: a number for every name in `names`, in the units of its signal.
 
         Raises:
-            FormulaError: the result is NaN, or there is none (division by zero, overflow, the
-                logarithm or root of a negative number).
+            FormulaError: there is no finite value (division by zero, overflow, the logarithm or
+                root of a negative number), or a name's value is no number.
         """
-        try:
-            result = float(self._evaluate(values))
-        except (ArithmeticError, ValueError, TypeError) as error:
-            raise self._no_number(str(error), values) from error
-        if math.isnan(result):
-            raise self._no_number("the result is NaN", values)
+        result: float = self._evaluate(values)
+        if not math.isfinite(result):
+            raise self._no_number(values)
         return result
 
     def elementwise(self, values: Values) -> Array:
         """Return the formula's value for every element of arrays or tensors.
 
         Args:
-            values: a number, array or tensor for every name in `names`, of shapes that broadcast.
+            values: a float, array or tensor of real numbers for every name in `names`, of shapes
+                that broadcast and of one type.
 
         Raises:
-            FormulaError: an element is NaN, or has no value (see `__call__`; torch gives infinity
-                where numpy and plain numbers have an error).
+            FormulaError: an element has no finite value, see `__call__`.
         """
-        try:
-            with np.errstate(divide="raise", over="raise", invalid="raise"):
-                result = self._evaluate(values)
-        except (ArithmeticError, ValueError, TypeError) as error:
-            raise self._no_number(str(error), {}) from error
-        if arrays.has_nan(result):
-            raise self._no_number("the result is NaN", {})
+        with np.errstate(all="ignore"):
+            result = self._evaluate_arrays(values)
+        if not arrays.is_finite(result):
+            raise self._no_numbers(values, result)
         return result
+
+    @cached_property  # few formulas are asked for many scenes at once
+    def _evaluate_arrays(self) -> _Evaluator:
+        return _built(self._tree, _ARRAYS, set())
 
     def __str__(self) -> str:
         return self.text
@@ -158,11 +158,52 @@ class Formula:
     def __reduce__(self) -> tuple[Any, ...]:
         return Formula.parse, (self.text,)
 
-    def _no_number(self, why: str, values: Values) -> FormulaError:
-        given = ", ".join(f"{name} = {values[name]:.6g}" for name in sorted(self.names & {*values}))
+    def _no_numbers(self, values: Values, result: Array) -> FormulaError:
+        """Return the error for the first scene without a value."""
+        if not arrays.is_array(result):
+            return self._no_number({name: float(values[name]) for name in self.names})
+        scene = [math.isfinite(value) for value in result.reshape(-1).tolist()].index(False)
+
+        def there(value: Array) -> float:
+            return float(value.reshape(-1)[scene] if getattr(value, "ndim", 0) else value)
+
+        return self._no_number({name: there(values[name]) for name in self.names}, scene)
+
+    def _no_number(self, values: Mapping[str, float], scene: int | None = None) -> FormulaError:
+        where = "" if scene is None else f" in scene {scene}"
+        part, value = next(self._parts_without_value(values), (self.text, "not finite"))
+        given = ", ".join(f"{name} = {values[name]:.6g}" for name in sorted(self.names))
         return FormulaError(
-            f"the formula '{self.text}' has no value: {why}", suggestion=given or None
+            f"the formula '{self.text}' has no value{where}: {part} is {value}",
+            suggestion=given or None,
         )
+
+    def _parts_without_value(self, values: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+        """Yield the parts that are not finite, the innermost first, with what they are."""
+        for node in reversed(list(ast.walk(self._tree))):
+            if isinstance(node, ast.BinOp | ast.Call | ast.UnaryOp):
+                value = _built(node, _NUMBERS, set())(values)
+                if not math.isfinite(value):
+                    yield ast.unparse(node), "not a number" if math.isnan(value) else "infinite"
+
+
+def _number(name: str) -> _Evaluator:
+    """Return what reads a name's number, of whichever type, as Python's own."""
+
+    def read(values: Values) -> float:
+        value = values[name]
+        if type(value) is float:
+            return value
+        number = arrays.as_float(value)
+        if number is None:
+            raise FormulaError(f"'{name}' is {value!r:.80}", name=name, suggestion="give a number")
+        return number
+
+    return read
+
+
+_NUMBERS = _Kind(operator.attrgetter("of_numbers"), _number)
+_ARRAYS = _Kind(operator.attrgetter("of_arrays"), operator.itemgetter)
 
 
 def _python_tree(text: str) -> ast.expr:
@@ -171,56 +212,84 @@ def _python_tree(text: str) -> ast.expr:
         return ast.parse(f"({text}\n)", mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
         column = getattr(error, "offset", None) or 1
-        raise FormulaError(
-            f"'{text}' is not a formula",
-            name=text,
-            suggestion="written like -(zeta * v**2 / (d + epsilon) + eta * (d == 0))",
-            offset=max(column - 2, 0),
-        ) from None
+        raise _unreadable(text, max(column - 2, 0)) from None
 
 
-class _Builder:
-    """Turns a Python syntax tree into nested functions, refusing what is not in the grammar."""
+def _unreadable(text: str, offset: int) -> FormulaError:
+    reserved = next((word for word in _WORD.finditer(text) if keyword.iskeyword(word[0])), None)
+    if reserved:
+        return FormulaError(
+            f"'{reserved[0]}' is a reserved word, which no name in a formula can be",
+            name=reserved[0],
+            suggestion=f"call it {reserved[0]}_",
+            offset=reserved.start(),
+        )
+    torn = text.count("(") != text.count(")")
+    return FormulaError(
+        f"'{text}' is not a formula",
+        name=text,
+        suggestion='in a YAML mapping {…} a comma tears text apart: put it in quotes, "min(v, 1)"'
+        if torn
+        else "written like -(zeta * v**2 / (d + epsilon) + eta * (d == 0))",
+        offset=offset,
+    )
 
-    def __init__(self) -> None:
-        self.names: set[str] = set()
 
-    def build(self, node: ast.expr, depth: int) -> _Evaluator:
-        if depth > MAXIMUM_DEPTH:
-            raise FormulaError(f"the formula is nested deeper than {MAXIMUM_DEPTH} levels")
-        match node:
-            case ast.Constant(value=bool() | str() | bytes() | None | complex()):
-                raise _refused(node, f"{node.value!r} is not a number")
-            case ast.Constant(value=int() | float() as number):
-                return _constant(_finite(node, number))
-            case ast.Name(id=name):
-                self.names.add(name)
-                return operator.itemgetter(name)
-            case ast.UnaryOp() if type(node.op) in _UNARY:
-                return _apply(_UNARY[type(node.op)], self.build(node.operand, depth + 1))
-            case ast.BinOp() if type(node.op) in _BINARY:
-                parts = [self.build(part, depth + 1) for part in (node.left, node.right)]
-                return _apply(_BINARY[type(node.op)], *parts)
-            case ast.Compare(ops=[op]) if type(op) in _COMPARISONS:
-                parts = [self.build(part, depth + 1) for part in (node.left, node.comparators[0])]
-                return _apply(_as_number(_COMPARISONS[type(op)]), *parts)
-            case ast.Compare():
-                raise _refused(node, "a chain of comparisons", "write (a < b) * (b < c)")
-            case ast.Call():
-                return self._call(node, depth)
-        raise _refused(node, f"{type(node).__name__} in it")
+def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Evaluator:
+    """Return a tree as nested functions, refusing what is not in the grammar.
 
-    def _call(self, node: ast.Call, depth: int) -> _Evaluator:
-        if not isinstance(node.func, ast.Name) or node.keywords:
-            raise _refused(node, "this kind of call")
-        name = node.func.id
-        if name not in FUNCTIONS:
-            raise _refused(node, f"the function '{name}'", did_you_mean(name, FUNCTIONS), name=name)
-        function, least, most = FUNCTIONS[name]
-        if not least <= len(node.args) <= most:
-            count = str(least) if least == most else f"{least} to {most}"
-            raise _refused(node, f"'{name}' with {len(node.args)} arguments", f"it takes {count}")
-        return _apply(function, *(self.build(argument, depth + 1) for argument in node.args))
+    Args:
+        node: the tree.
+        kind: how it will be evaluated.
+        names: the names that it reads are added here.
+        depth: of the node within the formula.
+    """
+    if depth > MAXIMUM_DEPTH:
+        raise FormulaError(f"the formula is nested deeper than {MAXIMUM_DEPTH} levels")
+
+    def applied(operation: Operation, *parts: ast.expr) -> _Evaluator:
+        evaluators = [_built(part, kind, names, depth + 1) for part in parts]
+        return _apply(kind.function(operation), *evaluators)
+
+    match node:
+        case ast.Constant(value=bool() | str() | bytes() | None | complex()):
+            raise _refused(node, f"{node.value!r} is not a number")
+        case ast.Constant(value=int() | float() as number):
+            return _constant(_finite(node, number))
+        case ast.Name(id=name):
+            names.add(name)
+            return kind.name(name)
+        case ast.UnaryOp() if type(node.op) in _UNARY:
+            return applied(SIGNS[_UNARY[type(node.op)]], node.operand)
+        case ast.BinOp() if type(node.op) in _BINARY:
+            return applied(OPERATORS[_BINARY[type(node.op)]], node.left, node.right)
+        case ast.Compare(ops=[op]) if type(op) in _COMPARISONS:
+            return applied(COMPARISONS[_COMPARISONS[type(op)]], node.left, *node.comparators)
+        case ast.Compare():
+            raise _refused(node, "a chain of comparisons", "write (a < b) * (b < c)")
+        case ast.Call():
+            return applied(_called(node), *node.args)
+    raise _refused(node, f"{type(node).__name__} in it", _instead(node))
+
+
+def _called(node: ast.Call) -> Operation:
+    if not isinstance(node.func, ast.Name) or node.keywords:
+        raise _refused(node, "this kind of call")
+    name = node.func.id
+    if name not in FUNCTIONS:
+        raise _refused(node, f"the function '{name}'", did_you_mean(name, FUNCTIONS), name=name)
+    function = FUNCTIONS[name]
+    if not function.least <= len(node.args) <= function.most:
+        least, most = function.least, function.most
+        count = str(least) if least == most else f"{least} to {most}"
+        raise _refused(node, f"'{name}' with {len(node.args)} arguments", f"it takes {count}")
+    return function
+
+
+def _instead(node: ast.expr) -> str | None:
+    """Return what a formula writes in place of what other languages have."""
+    kinds: tuple[type[Any], ...] = (type(node), type(getattr(node, "op", None)))
+    return next((_OTHER_WORDS[kind] for kind in kinds if kind in _OTHER_WORDS), None)
 
 
 def _constant(value: float) -> _Evaluator:
@@ -235,10 +304,6 @@ def _apply(function: Callable[..., Array], *arguments: _Evaluator) -> _Evaluator
         left, right = arguments
         return lambda values: function(left(values), right(values))
     return lambda values: function(*(argument(values) for argument in arguments))
-
-
-def _as_number(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    return lambda left, right: 1.0 * compare(left, right)
 
 
 def _finite(node: ast.expr, number: float) -> float:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -15,7 +18,7 @@ from sfol.engines.conclusions import Conclusions
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
-from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean
+from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, expect, listed
 from sfol.facts import Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
     from sfol.explain import Explanation
 
 
-class Numbers(dict[str, float]):
-    """Numbers by name that can be set but not added or removed.
+class Numbers(MutableMapping[str, float]):
+    """Numbers by name that can be set, one by one or by `update`, but not added or removed.
 
     A number may be a torch tensor without dimensions, to learn it from the rewards of a batch.
 
@@ -37,21 +40,89 @@ class Numbers(dict[str, float]):
         what: what the names are, for error messages.
     """
 
+    __slots__ = ("_numbers", "_what")
+
     def __init__(self, numbers: Mapping[str, float], what: str) -> None:
-        super().__init__(numbers)
+        self._numbers = dict(numbers)
         self._what = what
 
+    def __getitem__(self, name: str) -> float:
+        return self._numbers[name]
+
     def __setitem__(self, name: str, number: float) -> None:
-        if name not in self:
+        if not isinstance(name, str) or name not in self._numbers:
             raise UsageError(
-                f"{self._what} has no '{name}'", name=name, suggestion=did_you_mean(name, self)
+                f"{self._what} has no '{name}'",
+                name=str(name),
+                suggestion=did_you_mean(str(name), self._numbers),
             )
-        if arrays.is_differentiable(number):  # so that gradients reach it
-            super().__setitem__(name, number)
-            return
-        if not float("-inf") < number < float("inf"):
-            raise UsageError(f"'{name}' can't be {number}", name=name)
-        super().__setitem__(name, float(number))
+        if not arrays.is_differentiable(number):
+            value = arrays.as_float(number)
+        elif getattr(number, "ndim", 0):
+            value = None
+        else:
+            value = number  # as it is, so that gradients reach it
+        if value is None or not arrays.is_finite(value):
+            raise UsageError(
+                f"'{name}' can't be {number!r:.80}", name=name, suggestion="give a finite number"
+            )
+        self._numbers[name] = value
+
+    def __delitem__(self, name: str) -> None:
+        raise UsageError(
+            f"'{name}' can't be removed from {self._what}", name=str(name), suggestion="set it to 0"
+        )
+
+    def __ior__(self, numbers: Mapping[str, float]) -> Numbers:
+        self.update(numbers)
+        return self
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __repr__(self) -> str:
+        return repr(self._numbers)
+
+
+class NumberGroups(Mapping[str, Numbers]):
+    """Groups of numbers by name; a group can be set as a whole, to numbers of the same names.
+
+    Args:
+        groups: name → its numbers.
+        what: what a group is, for error messages.
+    """
+
+    __slots__ = ("_groups",)
+
+    def __init__(self, groups: Mapping[str, Mapping[str, float]], what: str) -> None:
+        self._groups = {
+            name: Numbers(numbers, f"the {what} '{name}'") for name, numbers in groups.items()
+        }
+
+    def __getitem__(self, name: str) -> Numbers:
+        return self._groups[name]
+
+    def __setitem__(self, name: str, numbers: Mapping[str, float]) -> None:
+        expect(numbers, Mapping, name, "give a number for each of its names")
+        if name not in self._groups or numbers.keys() != self._groups[name].keys():
+            raise UsageError(
+                f"'{name}' has other names than {', '.join(map(str, numbers))}",
+                name=name,
+                suggestion="set its numbers one by one: ['safety']['safe1'] = 0.5",
+            )
+        self._groups[name].update(numbers)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._groups)
+
+    def __len__(self) -> int:
+        return len(self._groups)
+
+    def __repr__(self) -> str:
+        return repr(self._groups)
 
 
 class RewardFunction:
@@ -82,14 +153,12 @@ class RewardFunction:
         self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
         self._engine_name = engine
         self._engine: Engine = make_engine(engine, self.kb)
-        self.coefficients: dict[str, Numbers] = {
-            name: Numbers(weight.coefficients, f"the weight '{name}'")
-            for name, weight in self.kb.weights.items()
-        }
-        self.parameters: dict[str, Numbers] = {
-            name: Numbers(term.parameters, f"the term '{name}'")
-            for name, term in self.kb.terms.items()
-        }
+        self.coefficients = NumberGroups(
+            {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
+        )
+        self.parameters = NumberGroups(
+            {name: term.parameters for name, term in self.kb.terms.items()}, "term"
+        )
         self._head_atoms = [
             (head, Atom(head, (self.kb.subject,))) for head in self._engine.program.subject_heads
         ]
@@ -125,7 +194,7 @@ class RewardFunction:
         """Return an empty set of facts with the knowledge base's margin."""
         return Facts(margin=self.kb.grounding.margin)
 
-    def __call__(self, facts: Facts, **signals: float) -> float:
+    def __call__(self, facts: Facts, /, **signals: float) -> float:
         """Return the reward alone; see `evaluate`."""
         return self.evaluate(facts, **signals).reward
 
@@ -138,7 +207,8 @@ class RewardFunction:
         Raises:
             FactError: a fact does not fit the knowledge base.
         """
-        return encode(self._engine.program, scenes)
+        listed_scenes = listed(scenes, "the scenes", "give a list of sfol.Facts")
+        return encode(self._engine.program, [_facts(facts) for facts in listed_scenes])
 
     def conclude(self, facts: Facts) -> Conclusions:
         """Return what follows from facts.
@@ -152,16 +222,16 @@ class RewardFunction:
         Raises:
             FactError: a fact does not fit the knowledge base.
         """
-        return self._engine.conclude(facts)
+        return self._engine.conclude(_facts(facts))
 
     @overload
-    def evaluate(self, facts: Facts | Conclusions, **signals: float) -> Outcome: ...
+    def evaluate(self, facts: Facts | Conclusions, /, **signals: float) -> Outcome: ...
 
     @overload
-    def evaluate(self, facts: Batch, **signals: Array) -> BatchOutcome: ...
+    def evaluate(self, facts: Batch, /, **signals: Array) -> BatchOutcome: ...
 
     def evaluate(
-        self, facts: Facts | Conclusions | Batch, **signals: Array
+        self, facts: Facts | Conclusions | Batch, /, **signals: Array
     ) -> Outcome | BatchOutcome:
         """Return the reward of a transition and everything that it was made of.
 
@@ -171,23 +241,25 @@ class RewardFunction:
             signals: a number for each signal of the knowledge base, in its unit; those with a
                 default may be left out. For a batch, numbers, or arrays or torch tensors (B,);
                 one tensor among signals, bounds, coefficients or parameters makes all of the
-                outcome tensors of its type, through which gradients go.
+                outcome tensors, through which gradients go. They are float64 if one of those
+                tensors is, or none has real numbers, else float32; arrays are float64.
 
         Returns:
             An `Outcome`, or a `BatchOutcome` for a batch.
 
         Raises:
             FactError: a fact does not fit the knowledge base.
-            SignalError: a signal is missing, unknown or NaN.
-            FormulaError: a term has no value; the error names it.
-            UsageError: a batch was encoded for another knowledge base.
+            SignalError: a signal is missing, unknown, NaN, or no number or array of the shape that
+                is needed.
+            FormulaError: a term or the reward has no finite value; the error names the term.
+            UsageError: a batch was encoded for another knowledge base, or `facts` are none.
         """
-        values = self._signals(signals)
+        given = self._given(signals)
         if isinstance(facts, Batch):
-            return self._batch_outcome(facts, values)
-        return self._outcome(self._concluded(facts), values)
+            return self._batch_outcome(facts, given)
+        return self._outcome(self._concluded(facts), _single(given))
 
-    def explain(self, facts: Facts | Conclusions, **signals: float) -> Explanation:
+    def explain(self, facts: Facts | Conclusions, /, **signals: float) -> Explanation:
         """Return the proof tree of a reward: print it, or read its nodes.
 
         Args:
@@ -199,7 +271,7 @@ class RewardFunction:
         """
         from sfol.explain import explain  # noqa: PLC0415  (needed by few, and it imports rich)
 
-        values = self._signals(signals)
+        values = _single(self._given(signals))
         outcome = self._outcome(self._concluded(facts), values)
         return explain(self._engine, self.current(), outcome, values)
 
@@ -219,6 +291,9 @@ class RewardFunction:
         Source: the paper's table of weighting factors for VSR.
         """
         tables = self._concluded(facts).tables
+        entities = listed(entities, "the entities", "give a list of names")
+        for entity in entities:
+            expect(entity, str, "an entity", "give its name")
         return {
             entity: next(
                 (
@@ -240,7 +315,9 @@ class RewardFunction:
         return _rebuild, (self.kb, self._engine_name, *numbers)
 
     def _concluded(self, facts: Facts | Conclusions) -> Conclusions:
-        return facts if isinstance(facts, Conclusions) else self._engine.conclude(facts)
+        if isinstance(facts, Conclusions):
+            return facts
+        return self._engine.conclude(_facts(facts))
 
     def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
         bounds = {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
@@ -248,13 +325,13 @@ class RewardFunction:
             head: 0.0 if bound is None else self._confidence(*bound)
             for head, bound in bounds.items()
         }
-        weights = {name: self._weight(name, confidences) for name in self.kb.weights}
+        weights = {name: float(self._weight(name, confidences)) for name in self.kb.weights}
         terms = {
             name: self._term(term, weights, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
         }
         return Outcome(
-            reward=sum(terms.values()),
+            reward=_total(terms),
             terms=terms,
             weights=weights,
             confidences=confidences,
@@ -263,17 +340,18 @@ class RewardFunction:
             conclusions=conclusions,
         )
 
-    def _batch_outcome(self, batch: Batch, signals: Mapping[str, Array]) -> BatchOutcome:
+    def _batch_outcome(self, batch: Batch, given: Mapping[str, Array]) -> BatchOutcome:
         if batch.program is not self._engine.program:
             raise UsageError(
                 "the batch was made by another reward function",
                 suggestion="encode the scenes with this one's batch()",
             )
+        signals = {name: _column(name, value, len(batch)) for name, value in given.items()}
         groups = (*self.coefficients.values(), *self.parameters.values())
         numbers = [number for group in groups for number in group.values()]
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *numbers])
         signals = {
-            name: backend.array(value) if arrays.is_array(value) else value
+            name: backend.real(value) if arrays.is_array(value) else value
             for name, value in signals.items()
         }
         bounds = conclude(batch, backend)
@@ -284,14 +362,14 @@ class RewardFunction:
         zeros = backend.full(batch.size, 0.0)
         weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
         terms = {
-            name: zeros + self._term(term, weights, signals, Formula.elementwise)
+            name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))
             for name, term in self.kb.terms.items()
         }
-        return BatchOutcome(sum(terms.values(), zeros), terms, weights, confidences, bounds)
+        return BatchOutcome(_total(terms, zeros), terms, weights, confidences, bounds)
 
     def _weight(self, name: str, confidences: Mapping[str, Array]) -> Array:
         # A head whose rules an overlay removed has no confidence and contributes nothing.
-        total = sum(c * confidences.get(head, 0.0) for head, c in self.coefficients[name].items())
+        total = _sum(c * confidences.get(head, 0.0) for head, c in self.coefficients[name].items())
         return total / self.kb.weights[name].normalizer
 
     def _term(
@@ -306,24 +384,24 @@ class RewardFunction:
             value = weight * evaluate(term.formula, {**self.parameters[term.name], **signals})
         except FormulaError as error:
             raise _of_term(error, term.name) from None
-        if arrays.has_nan(value):
+        if not arrays.is_finite(value):
             raise FormulaError(
-                f"the term '{term.name}' is NaN: its weight {weight} times an infinite formula",
+                f"the term '{term.name}' has no value: its weight {weight} times its formula is "
+                "not finite",
                 name=term.name,
             )
         return value
 
-    def _signals(self, given: Mapping[str, Array]) -> dict[str, Array]:
+    def _given(self, given: Mapping[str, Array]) -> dict[str, Array]:
+        """Return a value for every signal: the caller's, or its default."""
         known = self.kb.signals
-        for name, value in given.items():
+        for name in given:
             if name not in known:
                 raise SignalError(
                     f"'{name}' is no signal of '{self.kb.name}'",
                     name=name,
                     suggestion=did_you_mean(name, known),
                 )
-            if arrays.has_nan(value):
-                raise SignalError(f"the signal '{name}' is NaN", name=name)
         values = {name: given.get(name, signal.default) for name, signal in known.items()}
         missing = [name for name, value in values.items() if value is None]
         if missing:
@@ -338,6 +416,63 @@ class RewardFunction:
     @staticmethod
     def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:
         return ((name, dict(numbers)) for name, numbers in groups.items())
+
+
+def _facts(facts: Facts) -> Facts:
+    expect(facts, Facts, "a scene", "give sfol.Facts, such as Facts.parse('Vehicle(ego).')")
+    return facts
+
+
+def _sum(values: Iterable[Array], start: Array = 0.0) -> Array:
+    # From left to right in every version of Python: `sum` compensates its rounding from 3.12 on.
+    return reduce(operator.add, values, start)
+
+
+def _total(terms: Mapping[str, Array], start: Array = 0.0) -> Array:
+    """Return R, the sum of all terms."""
+    total = _sum(terms.values(), start)
+    if not arrays.is_finite(total):
+        raise FormulaError("the sum of the terms is not finite")
+    return total
+
+
+def _single(signals: Mapping[str, object]) -> dict[str, float]:
+    """Return the signals of one scene as Python's own numbers."""
+    return {name: _number(name, value, "a number") for name, value in signals.items()}
+
+
+def _column(name: str, value: Array, size: int) -> Array:
+    """Return a signal of B scenes: a number, a tensor without dimensions, or an array (B,)."""
+    expected = f"a number, or an array or tensor of shape ({size},)"
+    if not getattr(value, "ndim", 0) and not arrays.is_differentiable(value):
+        return _number(name, value, expected)
+    shape = tuple(getattr(value, "shape", ()))
+    if not arrays.is_array(value) or shape not in ((), (size,)) or not arrays.is_real(value):
+        raise _no_signal(name, value, expected)
+    if arrays.has_nan(value):
+        raise SignalError(f"the signal '{name}' is NaN", name=name)
+    return value
+
+
+def _number(name: str, value: object, expected: str) -> float:
+    number = arrays.as_float(value)
+    if number is None:
+        raise _no_signal(name, value, expected)
+    if math.isnan(number):
+        raise SignalError(f"the signal '{name}' is NaN", name=name)
+    return number
+
+
+def _no_signal(name: str, value: object, expected: str) -> SignalError:
+    shape = getattr(value, "shape", None)
+    of_shape = f" of shape {tuple(shape)}" if shape is not None else ""
+    dtype = getattr(value, "dtype", None)
+    of_kind = f" of {dtype}" if dtype is not None else ""
+    return SignalError(
+        f"the signal '{name}' is {type(value).__name__}{of_shape}{of_kind}",
+        name=name,
+        suggestion=f"it must be {expected}",
+    )
 
 
 def _floats(numbers: Mapping[str, Array]) -> dict[str, float]:
@@ -358,6 +493,5 @@ def _rebuild(
     reward = RewardFunction(kb, engine=engine)
     for own, saved in ((reward.coefficients, coefficients), (reward.parameters, parameters)):
         for group, numbers in saved.items():
-            for name, number in numbers.items():
-                own[group][name] = number
+            own[group].update(numbers)
     return reward

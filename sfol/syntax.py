@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
-from sfol.errors import ClauseError
+from sfol.errors import ClauseError, expect
 
 MAXIMUM_TEXT = 100_000
 OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
@@ -167,6 +167,7 @@ class Reader:
     """
 
     def __init__(self, text: str) -> None:
+        expect(text, str, "a clause", "give a text, such as Vehicle(ego).")
         if len(text) > MAXIMUM_TEXT:
             raise ClauseError(
                 f"this text has {len(text)} characters; {MAXIMUM_TEXT} are the limit",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, SupportsFloat, TypeVar
 
-from sfol.errors import missing_extra
+from sfol.errors import expect, missing_extra
 from sfol.facts import Facts
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
@@ -52,6 +53,9 @@ class RuleReward(
         reward: the reward function.
         facts: makes facts of (observation, info, env); called at reset and after each step.
         signals: makes the knowledge base's signals of a transition.
+
+    Raises:
+        UsageError: an argument is of another type.
     """
 
     def __init__(
@@ -62,6 +66,10 @@ class RuleReward(
         facts: Callable[[Observation, Mapping[str, Any], gymnasium.Env[Any, Any]], Facts],
         signals: Callable[[Transition[Observation, Action]], Mapping[str, float]],
     ) -> None:
+        expect(env, gymnasium.Env, "the environment", "give a gymnasium.Env")
+        expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
+        expect(facts, Callable, "facts", "give a function (observation, info, env) → Facts")  # type: ignore[arg-type]
+        expect(signals, Callable, "signals", "give a function of a Transition → signals")  # type: ignore[arg-type]
         # So that Gymnasium can make the environment again from its specification.
         gymnasium.utils.RecordConstructorArgs.__init__(
             self, reward=reward, facts=facts, signals=signals, _disable_deepcopy=True
@@ -89,7 +97,8 @@ class RuleReward(
         return observation, outcome.reward, terminated, truncated, info
 
     def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
-        self._observation = observation
+        # Environments may use one array for all their observations.
+        self._observation = copy.deepcopy(observation)
         self._facts = self._facts_of(observation, info, self.env)
 
 

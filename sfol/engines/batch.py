@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from sfol import arrays
 from sfol.arrays import Array, Indices
 from sfol.engines.program import Program
 from sfol.engines.tables import Tables
-from sfol.facts import TRUE, Facts
+from sfol.errors import FactError
+from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import Rule
 from sfol.literals import AtomLiteral, Reading, Search
 from sfol.literals.search import Constants
@@ -111,7 +113,23 @@ class Batch:
         Args:
             lower: (N,), as `lower`.
             upper: (N,), as `upper`.
+
+        Raises:
+            FactError: these are no arrays of real numbers (N,), or an atom has no bound there:
+                0 ≤ lower ≤ upper ≤ 1 wherever an atom is known.
         """
+        count = len(self.atoms)
+        for ends in (lower, upper):
+            shape = tuple(getattr(ends, "shape", ()))
+            if not arrays.is_array(ends) or shape != (count,) or not arrays.is_real(ends):
+                raise FactError(
+                    f"the bounds of a batch are {type(ends).__name__} of shape {shape}",
+                    suggestion=f"give an array or tensor of real numbers, of shape ({count},)",
+                )
+        fit = ((lower >= 0.0) & (lower <= upper) & (upper <= 1.0)).tolist()
+        for row in np.flatnonzero(self.known & ~np.array(fit, dtype=np.bool_)):
+            scene, atom = self.atoms[row]
+            Bound.checked(lower[row], upper[row], of=f"{atom} in scene {scene}")
         return replace(self, lower=lower, upper=upper)
 
     def __len__(self) -> int:

@@ -65,8 +65,8 @@ class _Evaluation:
         self._pools = semantics.pools
         self._batch = batch
         self.backend = backend
-        self._lower = backend.array(batch.lower)
-        self._upper = backend.array(batch.upper)
+        self._lower = backend.real(batch.lower)
+        self._upper = backend.real(batch.upper)
         self._known = backend.array(batch.known)
         self._possible = self._known & (self._upper > 0.0)
 

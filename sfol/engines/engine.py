@@ -10,7 +10,7 @@ from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
 from sfol.engines.tables import Tables
-from sfol.errors import UsageError, did_you_mean
+from sfol.errors import UsageError, did_you_mean, expect
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals.search import Constants
@@ -48,6 +48,7 @@ def make_engine(name: str, kb: KnowledgeBase) -> Engine:
     Raises:
         UsageError: there is none of this name.
     """
+    expect(name, str, "the engine", f"give a name: {', '.join(ENGINES)}")
     if name not in ENGINES:
         raise UsageError(
             f"there is no engine '{name}'", name=name, suggestion=did_you_mean(name, ENGINES)

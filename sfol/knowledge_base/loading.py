@@ -26,6 +26,7 @@ from sfol.errors import (
     Place,
     SfolError,
     did_you_mean,
+    expect,
 )
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
@@ -91,21 +92,21 @@ def load(*sources: str | Path, sections: Mapping[str, type[BaseModel]] | None = 
 
 
 def _path_of(source: str | Path) -> Path:
+    expect(source, (str, Path), "a knowledge base", "give a path, or the name of a bundled one")
     if isinstance(source, Path) or source.endswith(_SUFFIXES):
         return Path(source)
     return _bundled(source, None)
 
 
 def _bundled(name: str, place: Place | None) -> Path:
-    path = bundled_folder() / f"{name}.yaml"
-    if not _NAME.match(name) or not path.is_file():
+    if name not in bundled_names():
         raise KnowledgeBaseError(
             f"there is no knowledge base '{name}'",
             name=name,
             suggestion=did_you_mean(name, bundled_names()),
             place=place,
         )
-    return path
+    return bundled_folder() / f"{name}.yaml"
 
 
 def _chain(paths: Sequence[Path]) -> list[Document]:

@@ -44,6 +44,9 @@ class Column:
     def __getitem__(self, rows):
         return Column(self.values[numbers(rows)])
 
+    shape = property(lambda self: self.values.shape)
+    ndim = property(lambda self: self.values.ndim)
+
     def __neg__(self):
         return Column(-self.values)
 
@@ -65,7 +68,9 @@ class ColumnBackend:
     differentiable = False
 
     owns = staticmethod(lambda value: isinstance(value, Column))
+    is_real = staticmethod(lambda column: True)
     has_nan = staticmethod(lambda column: bool(np.isnan(column.values).any()))
+    is_finite = staticmethod(lambda column: bool(np.isfinite(column.values).all()))
     minimum, maximum = on_numbers(np.minimum), on_numbers(np.maximum)
     exp, log, sqrt = on_numbers(np.exp), on_numbers(np.log), on_numbers(np.sqrt)
     where = on_numbers(lambda condition, *pair: np.where(condition != 0, *pair))
@@ -76,6 +81,8 @@ class ColumnBackend:
 
     def array(self, values):
         return values if isinstance(values, Column) else Column(values)
+
+    real = array
 
     def __getattr__(self, name):
         operation = getattr(self._numpy, name)

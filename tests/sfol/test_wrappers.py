@@ -71,3 +71,49 @@ def test_a_missing_signal_is_named(cartpole):
     env.reset(seed=0)
     with pytest.raises(sfol.errors.SignalError, match="speed"):
         env.step(0)
+
+
+class OneArray(gymnasium.Env):
+    """An environment that gives the same array at every step, changed in place."""
+
+    observation_space = gymnasium.spaces.Box(-100, 100, (2,))
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def __init__(self):
+        self.state = np.zeros(2, dtype=np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        self.state[:] = 0
+        return self.state, {}
+
+    def step(self, action):
+        self.state += 1
+        return self.state, 0.0, False, False, {}
+
+
+def test_the_observation_before_stays_what_it_was():
+    reward = sfol.RewardFunction("cartpole")
+    seen = []
+
+    def signals(transition):
+        seen.append((transition.observation.tolist(), transition.next_observation.tolist()))
+        return {"speed": 0.0}
+
+    env = RuleReward(OneArray(), reward, facts=lambda *_: sfol.Facts(), signals=signals)
+    env.reset()
+    env.step(0)
+    env.step(0)
+    assert seen == [([0, 0], [1, 1]), ([1, 1], [2, 2])]
+
+
+@pytest.mark.parametrize("wrong", ["env", "reward", "facts", "signals"])
+def test_an_argument_of_another_type_is_refused_at_once(wrong):
+    given = {
+        "env": gymnasium.make("CartPole-v1"),
+        "reward": sfol.RewardFunction("cartpole"),
+        "facts": facts_of,
+        "signals": signals_of,
+        wrong: 3,
+    }
+    with pytest.raises(sfol.errors.UsageError, match="of type int"):
+        RuleReward(given.pop("env"), given.pop("reward"), **given)
