@@ -16,8 +16,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from sfol.errors import ClauseError
 from sfol.literals import KINDS, AtomLiteral, Literal
 from sfol.syntax import Atom, Reader, variables
+
+MAXIMUM_LITERALS = 64
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,14 @@ def _body(reader: Reader) -> Body:
 
 def _literals(reader: Reader) -> Iterator[Literal]:
     yield _literal(reader)
-    while reader.accept(","):
+    for _ in range(MAXIMUM_LITERALS):
+        if not reader.accept(","):
+            return
         yield _literal(reader)
+    raise ClauseError(
+        f"the body has more than {MAXIMUM_LITERALS} literals",
+        suggestion="split it: let a rule conclude what some of them say together",
+    )
 
 
 def _literal(reader: Reader) -> Literal:

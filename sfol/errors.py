@@ -102,6 +102,10 @@ class SignalError(SfolError):
     """A signal is missing, unknown or not a number."""
 
 
+class WorkLimitError(SfolError):
+    """A body has so many substitutions in a scene that the search for them was given up."""
+
+
 class KnowledgeBaseError(SfolError):
     """Something in a knowledge base is wrong."""
 

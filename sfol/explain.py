@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -21,7 +21,7 @@ from sfol.errors import expect
 from sfol.facts import Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Literal
-from sfol.literals.search import Constants
+from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.outcome import Outcome
 from sfol.syntax import Atom, is_variable, variables
 
@@ -29,6 +29,11 @@ if TYPE_CHECKING:
     import networkx
 
 _WIDTH = 110
+# What a tree shows at most; people read the beginning, and a tree may grow without end.
+_SHOWN_SUBSTITUTIONS = 100
+_SHOWN_STATEMENTS = 5_000
+_SHOWN_LEVELS = 25  # of conclusions that rest on conclusions
+_TRIED_SETS = 300  # of literals that may be what a rule lacks
 _STYLES = {
     "reward": "bold",
     "term": "bold cyan",
@@ -153,6 +158,8 @@ class _Prover:
         self._tables = outcome.conclusions.tables
         self._outcome = outcome
         self._signals = signals
+        self._left = _SHOWN_STATEMENTS
+        self._levels = 0
 
     def reward(self) -> Node:
         total = self._outcome.reward
@@ -213,8 +220,8 @@ class _Prover:
 
     def _misses(self, head: str) -> Iterator[Node]:
         """Yield for every rule of a head why it did not conclude it for the subject."""
-        for rule, _ in self._engine.program.rules.get(head, ()):
-            miss = nearest_miss(rule, self._tables, self._kb.subject)
+        for rule, plan in self._engine.program.rules.get(head, ()):
+            miss = nearest_miss(rule, self._tables, self._kb.subject, plan.limit)
             if miss is not None:
                 yield _miss_node(rule, miss, self._tables)
 
@@ -223,15 +230,18 @@ class _Prover:
         for rule, plan in self._engine.program.rules.get(atom.predicate, ()):
             bound = self._engine.rule_bounds(rule, plan, self._tables).get(atom.arguments)
             if bound is not None:
-                yield self._rule(rule, plan, atom.arguments, bound)
+                yield self._rule(rule, atom, bound)
 
-    def _rule(self, rule: Rule, plan: Plan, arguments: Constants, bound: Bound) -> Node:
-        found = [
-            values
-            for values in plan.substitutions(self._tables)
-            if rule.clause.head.substituted(values).arguments == arguments
-        ]
-        literals = tuple(self._literal(literal, found) for literal in plan.body.atom_literals)
+    def _rule(self, rule: Rule, atom: Atom, bound: Bound) -> Node:
+        plan = self._engine.program.head_plan(rule)
+        values_of = rule.clause.head.matched(atom, {}) or {}
+        given = [values_of[name] for name in plan.variables[: plan.given]]
+        found = plan.substitutions(self._tables, given, most=_SHOWN_SUBSTITUTIONS)
+        support = plan.support(self._tables, given)
+        literals = tuple(
+            self._literal(literal, [key for number, key in support if number == index])
+            for index, literal in enumerate(plan.body.atom_literals)
+        )
         text = f"{rule.clause}  {bound}"
         values = {
             "name": rule.name,
@@ -241,14 +251,19 @@ class _Prover:
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
 
-    def _literal(self, literal: AtomLiteral, found: list[dict[str, str]]) -> Node:
+    def _literal(self, literal: AtomLiteral, keys: Sequence[Constants]) -> Node:
         """Return a node for a literal, with every distinct ground atom that it stands for."""
-        grounded = dict.fromkeys(literal.substituted(values) for values in found)
+        shown = keys[: max(self._left, 1)]
+        self._left -= len(shown)
+        grounded = (
+            literal.substituted(dict(zip(literal.terms, key, strict=True))) for key in shown
+        )
         facts = tuple(self._fact(ground) for ground in grounded)
-        if len(facts) == 1:
+        if len(keys) == 1:
             return facts[0]
-        text = f"{literal}: {len(facts)} atoms"
-        return Node("literal", text, {"literal": str(literal)}, facts)
+        text = f"{literal}: {len(keys)} atoms"
+        more = (_left_out(),) if len(shown) < len(keys) else ()
+        return Node("literal", text, {"literal": str(literal)}, (*facts, *more))
 
     def _fact(self, literal: AtomLiteral) -> Node:
         atom = literal.atom
@@ -257,8 +272,16 @@ class _Prover:
         derived = literal.monotone and atom in self._outcome.derived
         source = "derived" if derived else self._origin(atom)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
-        proofs = tuple(self._proofs(atom)) if derived else ()
+        proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
+
+    def _proofs_below(self, atom: Atom) -> tuple[Node, ...]:
+        if self._left <= 0 or self._levels >= _SHOWN_LEVELS:
+            return (_left_out(),)
+        self._levels += 1
+        proofs = tuple(self._proofs(atom))
+        self._levels -= 1
+        return proofs
 
     def _origin(self, atom: Atom) -> str:
         if self._tables.bound(atom) is None:
@@ -271,7 +294,8 @@ class Miss:
     """How near a rule came to concluding something.
 
     Attributes:
-        failed: the fewest literals without which the rest of the body holds.
+        failed: the fewest literals without which the rest of the body holds; for a long body,
+            literals of which none could be left out.
         values: the constants of the variables in the rest of the body.
     """
 
@@ -279,13 +303,14 @@ class Miss:
     values: Mapping[str, str]
 
 
-def nearest_miss(rule: Rule, tables: Tables, subject: str) -> Miss | None:
+def nearest_miss(rule: Rule, tables: Tables, subject: str, limit: int = WORK_LIMIT) -> Miss | None:
     """Return how near a rule came to concluding its head for the subject.
 
     Args:
         rule: a rule with a unary head that did not conclude it.
         tables: the scene.
         subject: the entity.
+        limit: how many known atoms the search of a body may look at.
 
     Returns:
         The nearest miss; the first in the order of the body where several are as near. None if
@@ -295,16 +320,40 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str) -> Miss | None:
     if not is_variable(term) and term != subject:
         return None
     given = {term: subject} if is_variable(term) else {}
-    for count in range(len(body.literals) + 1):
-        for failed in combinations(body.literals, count):
-            kept = Body(tuple(literal for literal in body.literals if literal not in failed))
-            if not kept.bound_variables.union(given).issuperset(variables(*kept.terms)):
-                continue
-            plan = Plan.of(kept, rule_criterion(rule), given=list(given))
-            found = plan.substitutions(tables, list(given.values()))
-            if found:
-                return Miss(failed, found[0])
-    raise AssertionError("the empty body always holds")
+
+    def without(failed: Sequence[Literal]) -> Miss | None:
+        kept = Body(tuple(literal for literal in body.literals if literal not in failed))
+        if not kept.bound_variables.union(given).issuperset(variables(*kept.terms)):
+            return None
+        owner = f"the rule '{rule.name}'"
+        plan = Plan.of(kept, rule_criterion(rule), list(given), owner=owner, limit=limit)
+        values = list(given.values())
+        if not plan.holds(tables, values):
+            return None
+        return Miss(tuple(failed), next(iter(plan.substitutions(tables, values, most=1)), {}))
+
+    sets = (
+        failed
+        for count in range(len(body.literals) + 1)
+        for failed in combinations(body.literals, count)
+    )
+    tried = (miss for failed in islice(sets, _TRIED_SETS) if (miss := without(failed)))
+    return next(tried, None) or _irreducible(body, without)
+
+
+def _irreducible(body: Body, without: Callable[[Sequence[Literal]], Miss | None]) -> Miss:
+    """Return a miss of which no literal can be taken back, the first ones of the body kept."""
+    # What binds goes first, so that every literal finds its variables bound if they can be.
+    waiting = sorted(body.literals, key=lambda literal: not literal.binds)
+    failed = list(waiting)
+    miss = without(failed)
+    for literal in waiting:
+        fewer = [other for other in failed if other is not literal]
+        nearer = without(fewer)
+        if nearer is not None:
+            failed, miss = fewer, nearer
+    assert miss is not None, "the empty body always holds"
+    return miss
 
 
 def _miss_node(rule: Rule, miss: Miss, tables: Tables) -> Node:
@@ -317,8 +366,13 @@ def _miss_node(rule: Rule, miss: Miss, tables: Tables) -> Node:
 
 def _substitutions(rule: Rule, found: list[dict[str, str]]) -> Node:
     shown = "; ".join(", ".join(f"{k} = {v}" for k, v in values.items()) for values in found[:4])
-    more = f"; and {len(found) - 4} more" if len(found) > 4 else ""
+    several = "more" if len(found) == _SHOWN_SUBSTITUTIONS else f"{len(found) - 4} more"
+    more = f"; and {several}" if len(found) > 4 else ""
     return Node("formula", f"rule {rule.name} with {shown}{more}", {})
+
+
+def _left_out() -> Node:
+    return Node("nothing", "… and more, which is left out", {})
 
 
 def _number(value: float) -> str:

@@ -22,6 +22,7 @@ from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, exp
 from sfol.facts import Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
+from sfol.literals.search import WORK_LIMIT
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.syntax import Atom
@@ -132,6 +133,8 @@ class RewardFunction:
         kb: a knowledge base, the path of one, or the name of a bundled one.
         engine: ``compiled``, or ``pyreason``, the much slower reference (extra `pyreason`); batches
             are evaluated by arithmetic of their own, whichever it is.
+        work_limit: how many known atoms the search for a rule's substitutions may look at in a
+            scene; past it a WorkLimitError names the rule.
 
     Attributes:
         kb: the knowledge base.
@@ -140,7 +143,7 @@ class RewardFunction:
 
     Raises:
         InvalidKnowledgeBase: the file has errors.
-        UsageError: there is no such engine.
+        UsageError: there is no such engine, or the limit is not above 0.
 
     Example:
         >>> reward = RewardFunction("aeb")
@@ -149,10 +152,16 @@ class RewardFunction:
         1.0
     """
 
-    def __init__(self, kb: KnowledgeBase | str | Path, *, engine: str = "compiled") -> None:
+    def __init__(
+        self,
+        kb: KnowledgeBase | str | Path,
+        *,
+        engine: str = "compiled",
+        work_limit: int = WORK_LIMIT,
+    ) -> None:
         self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
         self._engine_name = engine
-        self._engine: Engine = make_engine(engine, self.kb)
+        self._engine: Engine = make_engine(engine, self.kb, work_limit)
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -164,7 +173,16 @@ class RewardFunction:
         ]
         self._confidence = CONFIDENCES[self.kb.semantics.confidence]
         self._conditions = [
-            (Plan.of(c.when, condition_criterion(c), given=["X"]), c.weight)
+            (
+                Plan.of(
+                    c.when,
+                    condition_criterion(c),
+                    given=["X"],
+                    owner=f"the entity weight of '{c.when}'",
+                    limit=work_limit,
+                ),
+                c.weight,
+            )
             for c in self.kb.entity_weights
         ]
 
@@ -253,6 +271,7 @@ class RewardFunction:
                 is needed.
             FormulaError: a term or the reward has no finite value; the error names the term.
             UsageError: a batch was encoded for another knowledge base, or `facts` are none.
+            WorkLimitError: a rule has too many substitutions in the scene.
         """
         given = self._given(signals)
         if isinstance(facts, Batch):
@@ -296,11 +315,7 @@ class RewardFunction:
             expect(entity, str, "an entity", "give its name")
         return {
             entity: next(
-                (
-                    weight
-                    for plan, weight in self._conditions
-                    if plan.substitutions(tables, [entity])
-                ),
+                (weight for plan, weight in self._conditions if plan.holds(tables, [entity])),
                 0.0,
             )
             for entity in entities
@@ -312,7 +327,8 @@ class RewardFunction:
     def __reduce__(self) -> tuple[object, ...]:
         # An engine is made anew from its knowledge base; numbers that were set go along.
         numbers = (dict(self._numbers(self.coefficients)), dict(self._numbers(self.parameters)))
-        return _rebuild, (self.kb, self._engine_name, *numbers)
+        limit = self._engine.program.work_limit
+        return _rebuild, (self.kb, self._engine_name, limit, *numbers)
 
     def _concluded(self, facts: Facts | Conclusions) -> Conclusions:
         if isinstance(facts, Conclusions):
@@ -487,10 +503,11 @@ def _of_term(error: FormulaError, term: str) -> FormulaError:
 def _rebuild(
     kb: KnowledgeBase,
     engine: str,
+    work_limit: int,
     coefficients: Mapping[str, Mapping[str, float]],
     parameters: Mapping[str, Mapping[str, float]],
 ) -> RewardFunction:
-    reward = RewardFunction(kb, engine=engine)
+    reward = RewardFunction(kb, engine=engine, work_limit=work_limit)
     for own, saved in ((reward.coefficients, coefficients), (reward.parameters, parameters)):
         for group, numbers in saved.items():
             own[group].update(numbers)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 
+from sfol.clauses import Body
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
@@ -12,9 +14,9 @@ from sfol.engines.tables import Tables
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Search
-from sfol.literals.search import Constants
+from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
-from sfol.syntax import Atom
+from sfol.syntax import Atom, variables
 
 
 class CompiledEngine:
@@ -25,16 +27,17 @@ class CompiledEngine:
 
     Args:
         kb: the knowledge base; it is compiled once, here.
+        work_limit: how many known atoms the search of a body may look at.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
-        self.program = Program.of(kb)
+    def __init__(self, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> None:
+        self.program = Program.of(kb, work_limit)
         self._subject = kb.subject
         self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
-        conjunction = CONJUNCTIONS[kb.semantics.conjunction]
-        pools = kb.semantics.pools
-        self._gatherer = partial(_Pool if pools else _Best, conjunction)
+        self._conjunction = CONJUNCTIONS[kb.semantics.conjunction]
+        self._pools = kb.semantics.pools
+        self._gatherer = partial(_Pool if self._pools else _Best, self._conjunction)
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -46,6 +49,7 @@ class CompiledEngine:
         Raises:
             FactError: a fact has a predicate or a number of constants that the knowledge base
                 does not know.
+            WorkLimitError: a rule has too many substitutions.
         """
         self.program.check(facts)
         tables = Tables.of(facts, self._background)
@@ -59,6 +63,8 @@ class CompiledEngine:
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
+        if self._pools and plan.branches:
+            return dict(self._pooled_bounds(rule, tables))
         gathered: dict[Constants, _Pool | _Best] = {}
         head_of = plan.reader(rule.clause.head)
 
@@ -70,6 +76,16 @@ class CompiledEngine:
 
         plan.search(tables, visit)
         return {head: found.bound() for head, found in gathered.items()}
+
+    def _pooled_bounds(self, rule: Rule, tables: Tables) -> Iterator[tuple[Constants, Bound]]:
+        """Yield what `rule_bounds` returns, without a walk through all substitutions."""
+        plan, head = self.program.head_plan(rule), rule.clause.head
+        names = variables(*head.arguments)
+        for values in _candidates(rule.clause.body, names, tables):
+            support = plan.support(tables, values)
+            if support:
+                arguments = head.substituted(dict(zip(names, values, strict=True))).arguments
+                yield arguments, self._conjunction(support.values())
 
     def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
         if not self.program.for_subject_alone(head):
@@ -114,6 +130,24 @@ class CompiledEngine:
         return disjuncts[0] if len(disjuncts) == 1 else self._disjunction(disjuncts)
 
 
+def _candidates(body: Body, names: Sequence[str], tables: Tables) -> Iterator[tuple[str, ...]]:
+    """Yield the values that variables may have in a body, and perhaps more."""
+    binding = [literal.atom for literal in body.atom_literals if literal.binds]
+    together = [atom for atom in binding if len(names) > 1 and {*names} <= {*atom.arguments}]
+    if together:
+        atom = together[0]
+        places = [atom.arguments.index(name) for name in names]
+        yield from {tuple(key[at] for at in places): None for key in tables.rows(atom.predicate)}
+        return
+    columns = []
+    for name in names:
+        atoms = [atom for atom in binding if name in atom.arguments]
+        atom = min(atoms, key=lambda atom: len(tables.rows(atom.predicate)))
+        at = atom.arguments.index(name)
+        columns.append(dict.fromkeys(key[at] for key in tables.rows(atom.predicate)))
+    yield from itertools.product(*columns)
+
+
 class _Pool:
     """Each literal's distinct ground atoms over all substitutions, combined all together."""
 
@@ -142,23 +176,29 @@ class _Pool:
 class _Best:
     """Each substitution's literals combined, then the greatest of lowers and of uppers."""
 
-    __slots__ = ("_bounds", "_conjunction")
+    __slots__ = ("_best", "_conjunction")
 
     def __init__(self, conjunction: Operator) -> None:
         self._conjunction = conjunction
-        self._bounds: list[Bound] = []
+        self._best: Bound | None = None
 
     def search(self, plan: Plan, tables: Tables, given: Sequence[str]) -> None:
         plan.search(tables, self.add, given)
 
     def add(self, search: Search) -> None:
-        self._bounds.append(self._conjunction(search.bounds))
+        bound = self._conjunction(search.bounds)
+        self._best = bound if self._best is None else self._greater(self._best, bound)
 
     def __bool__(self) -> bool:
-        return bool(self._bounds)
+        return self._best is not None
 
     def bound(self) -> Bound:
-        return DISJUNCTIONS["maximum"](self._bounds)
+        assert self._best is not None, "asked only where something was found"
+        return self._best
+
+    @staticmethod
+    def _greater(left: Bound, right: Bound) -> Bound:
+        return Bound(max(left.lower, right.lower), max(left.upper, right.upper))
 
 
 class _Derived(Mapping[Atom, Bound]):

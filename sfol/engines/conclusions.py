@@ -34,7 +34,7 @@ class Conclusions:
             rule.name
             for rules in self._program.rules.values()
             for rule, plan in rules
-            if plan.substitutions(self.tables)
+            if plan.holds(self.tables)
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from sfol.engines.tables import Tables
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.literals.search import Constants
+from sfol.literals.search import WORK_LIMIT, Constants
 
 
 class Engine(Protocol):
@@ -30,27 +30,35 @@ class Engine(Protocol):
         ...
 
 
-def _pyreason_engine(kb: KnowledgeBase) -> Engine:
+def _pyreason_engine(kb: KnowledgeBase, work_limit: int) -> Engine:
     from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415  (few need it)
 
-    return PyReasonEngine(kb)
+    return PyReasonEngine(kb, work_limit)
 
 
-ENGINES: Mapping[str, Callable[[KnowledgeBase], Engine]] = {
+ENGINES: Mapping[str, Callable[[KnowledgeBase, int], Engine]] = {
     "compiled": CompiledEngine,
     "pyreason": _pyreason_engine,
 }
 
 
-def make_engine(name: str, kb: KnowledgeBase) -> Engine:
+def make_engine(name: str, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> Engine:
     """Return an engine by its name.
 
+    Args:
+        name: one of `ENGINES`.
+        kb: the knowledge base that it is for.
+        work_limit: how many known atoms the search of a body may look at.
+
     Raises:
-        UsageError: there is none of this name.
+        UsageError: there is none of this name, or the limit is not above 0.
     """
     expect(name, str, "the engine", f"give a name: {', '.join(ENGINES)}")
     if name not in ENGINES:
         raise UsageError(
             f"there is no engine '{name}'", name=name, suggestion=did_you_mean(name, ENGINES)
         )
-    return ENGINES[name](kb)
+    expect(work_limit, int, "the work limit", "give a whole number, such as 10_000_000")
+    if work_limit < 1:
+        raise UsageError(f"the work limit is {work_limit}", suggestion="give a number above 0")
+    return ENGINES[name](kb, work_limit)

@@ -7,7 +7,7 @@ their own steps. Steps are chosen so that each has as many arguments known as ca
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from typing import NamedTuple
 
@@ -185,7 +185,9 @@ def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
     def step(search: Search) -> None:
         values, keys, bounds, rows_of = search.values, search.keys, search.bounds, search.scene.rows
         relations = [(i, rows_of(predicate), reading) for i, predicate, reading in met]
-        for key in min([rows for _, rows, _ in relations], key=len):
+        shortest = min([rows for _, rows, _ in relations], key=len)
+        search.spend(len(shortest))
+        for key in shortest:
             for i, rows, reading in relations:
                 known = rows.get(key)
                 if known is None or (bound := reading(known)) is None:
@@ -209,9 +211,10 @@ def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
 
     def step(search: Search) -> None:
         scene, values, keys, bounds = search.scene, search.values, search.keys, search.bounds
-        rows: Iterable[Row] = scene.rows(predicate).items()
+        rows: Collection[Row] = scene.rows(predicate).items()
         for position, slot in fixed:
             rows = scene.rows_with(predicate, position, values[slot])
+        search.spend(len(rows))
         for key, known in rows:
             bound = reading(known)
             if bound is None or (same and key[0] != key[1]):

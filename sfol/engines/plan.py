@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import TypeVar
 
 from sfol.clauses import Body
 from sfol.engines.matching import chained, makers, visit
 from sfol.engines.support import Forest, Reduction, Support, grow
 from sfol.engines.tables import Tables
+from sfol.errors import WorkLimitError
 from sfol.literals import Criterion, Search, Step
-from sfol.literals.search import Constants
+from sfol.literals.search import WORK_LIMIT, Constants, ExhaustedError
 from sfol.syntax import Atom, is_variable, variables
+
+_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True)
@@ -25,24 +30,38 @@ class Plan:
         body: the body itself.
         variables: its variables; those that are given beforehand come first.
         given: how many are.
+        owner: what the body belongs to, for error messages.
+        limit: how many known atoms a search may look at.
     """
 
     body: Body
     variables: tuple[str, ...]
     given: int
+    owner: str
+    limit: int
     _constants: tuple[str, ...]
     _needed: frozenset[str]
     _first: Step
     _forest: Forest
 
     @classmethod
-    def of(cls, body: Body, criterion: Criterion, given: Sequence[str] = ()) -> Plan:
+    def of(
+        cls,
+        body: Body,
+        criterion: Criterion,
+        given: Sequence[str] = (),
+        *,
+        owner: str = "a body",
+        limit: int = WORK_LIMIT,
+    ) -> Plan:
         """Make the plan of a body.
 
         Args:
             body: what must hold; every variable stands in a literal that binds or in `given`.
             criterion: when its literals hold.
             given: variables that have a value beforehand.
+            owner: see `Plan`.
+            limit: see `Plan`.
         """
         names = tuple(dict.fromkeys([*given, *variables(*body.terms)]))
         constants = tuple(term for term in body.terms if not is_variable(term))
@@ -51,7 +70,7 @@ class Plan:
         first = chained(makers(body, criterion, slots, known), visit)
         needed = frozenset(lit.atom.predicate for lit in body.atom_literals if lit.binds)
         forest = grow(body, criterion, slots, known)
-        return cls(body, names, len(given), constants, needed, first, forest)
+        return cls(body, names, len(given), owner, limit, constants, needed, first, forest)
 
     def search(
         self, tables: Tables, visit: Callable[[Search], None], given: Sequence[str] = ()
@@ -63,9 +82,17 @@ class Plan:
             visit: is called with the search, whose values, keys and bounds are those of the
                 substitution and change after the call.
             given: values of the variables that are given.
+
+        Raises:
+            WorkLimitError: more atoms had to be looked at than the limit allows.
         """
-        if tables.has_all(self._needed):
-            self._first(Search(tables, self._values(given), len(self.body.atom_literals), visit))
+        if not tables.has_all(self._needed):
+            return
+        literals = len(self.body.atom_literals)
+        try:
+            self._first(Search(tables, self._values(given), literals, visit, self.limit))
+        except ExhaustedError:
+            raise self._too_much(tables) from None
 
     @property
     def branches(self) -> bool:
@@ -84,11 +111,44 @@ class Plan:
         Returns:
             A literal's index and the arguments of an atom that stands for it in some substitution
             that satisfies the body → its bound; empty if there is no such substitution.
+
+        Raises:
+            WorkLimitError: see `search`.
         """
+        return self._reduced(self._forest.support, tables, given, {})
+
+    def holds(self, tables: Tables, given: Sequence[str] = ()) -> bool:
+        """Tell whether some substitution satisfies the body, at the cost of `support`.
+
+        Raises:
+            WorkLimitError: see `search`.
+        """
+        return self._reduced(self._forest.holds, tables, given, False)
+
+    def _reduced(
+        self,
+        of: Callable[[Reduction], _Found],
+        tables: Tables,
+        given: Sequence[str],
+        nothing: _Found,
+    ) -> _Found:
         if not tables.has_all(self._needed):
-            return {}
-        return self._forest.support(
-            Reduction(tables, self._values(given), len(self.body.atom_literals))
+            return nothing
+        literals = len(self.body.atom_literals)
+        try:
+            return of(Reduction(tables, self._values(given), literals, self.limit))
+        except ExhaustedError:
+            raise self._too_much(tables) from None
+
+    def _too_much(self, tables: Tables) -> WorkLimitError:
+        entities = sorted(tables.entities())
+        shown = ", ".join(entities[:5]) + (", …" if len(entities) > 5 else "")
+        return WorkLimitError(
+            f"{self.owner} has too many substitutions among {len(entities)} entities ({shown}): "
+            f"after {self.limit:,} atoms the search for them was given up",
+            name=self.owner,
+            suggestion="let its literals share variables, give fewer entities, or raise the limit: "
+            "RewardFunction(…, work_limit=…)",
         )
 
     def _values(self, given: Sequence[str]) -> list[str]:
@@ -106,9 +166,31 @@ class Plan:
             [term if slot is None else search.values[slot] for slot, term in places]
         )
 
-    def substitutions(self, tables: Tables, given: Sequence[str] = ()) -> list[dict[str, str]]:
-        """Return every substitution of variables by constants that satisfies the body."""
+    def substitutions(
+        self, tables: Tables, given: Sequence[str] = (), *, most: int | None = None
+    ) -> list[dict[str, str]]:
+        """Return substitutions of variables by constants that satisfy the body.
+
+        Args:
+            tables: the scene.
+            given: values of the variables that are given.
+            most: how many to look for, as examples: at the limit of the search the rest is left
+                out. All by default.
+
+        Raises:
+            WorkLimitError: see `search`; only if all are looked for.
+        """
         found: list[dict[str, str]] = []
-        names = self.variables
-        self.search(tables, lambda s: found.append(dict(zip(names, s.values, strict=False))), given)
+
+        def keep(search: Search) -> None:
+            found.append(dict(zip(self.variables, search.values, strict=False)))
+            if len(found) == most:
+                raise _EnoughError
+
+        with suppress(_EnoughError, *([] if most is None else [WorkLimitError])):
+            self.search(tables, keep, given)
         return found
+
+
+class _EnoughError(Exception):
+    """As many substitutions were found as were asked for."""

@@ -6,8 +6,8 @@ body.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 
 from sfol.engines.matching import rule_criterion
@@ -17,7 +17,8 @@ from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.literals import Criterion
-from sfol.syntax import is_variable
+from sfol.literals.search import WORK_LIMIT
+from sfol.syntax import is_variable, variables
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Program:
         subject_heads: the unary heads, whose atoms of the subject make the reward.
         read_heads: heads that some body or condition reads, for whichever entity.
         arities: predicate → its number of arguments.
+        work_limit: how many known atoms the search of a body may look at.
     """
 
     knowledge_base: KnowledgeBase
@@ -39,9 +41,11 @@ class Program:
     subject_heads: tuple[str, ...]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
+    work_limit: int
+    _head_plans: dict[str, Plan] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def of(cls, kb: KnowledgeBase) -> Program:
+    def of(cls, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> Program:
         """Make the program of a knowledge base."""
         rules = list(kb.rules.values())
         heads = kb.heads
@@ -51,7 +55,7 @@ class Program:
             strata=tuple(name for name in order if name in heads),
             rules={
                 head: tuple(
-                    (rule, Plan.of(rule.clause.body, rule_criterion(rule)))
+                    (rule, rule_plan(rule, work_limit))
                     for rule in rules
                     if rule.clause.head.predicate == head
                 )
@@ -60,6 +64,7 @@ class Program:
             subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
             read_heads=kb.read.intersection(heads),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
+            work_limit=work_limit,
         )
 
     def check(self, facts: Facts) -> None:
@@ -87,18 +92,40 @@ class Program:
             A rule, its plan, and the values that the plan is given.
         """
         for rule, _ in self.rules[head]:
-            holds = criterion or rule_criterion(rule)
-            body, term = rule.clause.body, rule.clause.head.arguments[0]
+            term = rule.clause.head.arguments[0]
             if not self.for_subject_alone(head):
-                yield rule, Plan.of(body, holds), ()
+                yield rule, rule_plan(rule, self.work_limit, criterion=criterion), ()
             elif is_variable(term):
-                yield rule, Plan.of(body, holds, given=[term]), (subject,)
+                yield rule, rule_plan(rule, self.work_limit, [term], criterion), (subject,)
             elif term == subject:
-                yield rule, Plan.of(body, holds), ()
+                yield rule, rule_plan(rule, self.work_limit, criterion=criterion), ()
+
+    def head_plan(self, rule: Rule) -> Plan:
+        """Return the plan of a rule's body that is given the variables of its head."""
+        if rule.name not in self._head_plans:
+            head = variables(*rule.clause.head.arguments)
+            self._head_plans[rule.name] = rule_plan(rule, self.work_limit, head)
+        return self._head_plans[rule.name]
 
     def for_subject_alone(self, head: str) -> bool:
         """Tell whether the reward needs a head of the subject only: no body reads it."""
         return head in self.subject_heads and head not in self.read_heads
+
+
+def rule_plan(
+    rule: Rule, limit: int, given: Sequence[str] = (), criterion: Criterion | None = None
+) -> Plan:
+    """Return the plan of a rule's body.
+
+    Args:
+        rule: the rule.
+        limit: how many known atoms a search may look at.
+        given: variables that have a value beforehand.
+        criterion: when literals hold; the rule's own by default.
+    """
+    holds = criterion or rule_criterion(rule)
+    owner = f"the rule '{rule.name}'"
+    return Plan.of(rule.clause.body, holds, given, owner=owner, limit=limit)
 
 
 def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:

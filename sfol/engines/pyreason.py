@@ -38,7 +38,7 @@ from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Literal, QueryClause
-from sfol.literals.search import Constants, Rows
+from sfol.literals.search import WORK_LIMIT, Constants, Rows
 from sfol.operators import DISJUNCTIONS
 from sfol.syntax import Atom, is_variable, variables
 
@@ -51,6 +51,8 @@ class PyReasonEngine:
 
     Args:
         kb: the knowledge base.
+        work_limit: how many known atoms the search of a body may look at, here; PyReason itself
+            has no limit.
 
     Attributes:
         program: its rules in order.
@@ -62,16 +64,16 @@ class PyReasonEngine:
         KnowledgeBaseError: a predicate has a name that PyReason takes for something else.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> None:
         import sfol.engines.pyreason_runtime  # noqa: F401, PLC0415  (fail at once, not later)
 
         _check_names(kb)
-        self.program = Program.of(kb)
+        self._compiled = CompiledEngine(kb, work_limit)
+        self.program = self._compiled.program
         self.grounded_for_pyreason = frozenset(
             rule.name for rule in kb.rules.values() if _is_cyclic(rule)
         )
         self._kb = kb
-        self._compiled = CompiledEngine(kb)
         self._levels = _levels(self.program)
         self._readers = {
             literal.query(rule).predicate: literal

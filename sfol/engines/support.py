@@ -56,8 +56,8 @@ class Reduction(Search):
 
     __slots__ = ("matches", "open")
 
-    def __init__(self, tables: Tables, values: list[str], atoms: int) -> None:
-        super().__init__(tables, values, atoms, visit=lambda search: None)
+    def __init__(self, tables: Tables, values: list[str], atoms: int, limit: int) -> None:
+        super().__init__(tables, values, atoms, visit=lambda search: None, limit=limit)
         self.matches: dict[_Key, list[_Match]] = {}
         self.open: dict[int, list[_Match]] = {}
 
@@ -124,10 +124,14 @@ class Forest:
         binding = [part for part in self.parts if part.own]
         return len(binding) > 1 or any(part.branches for part in binding)
 
+    def holds(self, search: Reduction) -> bool:
+        """Tell whether some substitution satisfies the body."""
+        return all(part.matches(search) for part in self.parts)
+
     def support(self, search: Reduction) -> Support:
         """Return every atom that stands for a literal in some substitution, with its bound."""
         support: Support = {}
-        if all(part.matches(search) for part in self.parts):
+        if self.holds(search):
             seen: set[_Key] = set()
             for part in self.parts:
                 part.collect(search, support, seen)

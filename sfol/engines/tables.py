@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from sfol.errors import FactError
 from sfol.facts import TRUE, Bound, Facts, Relation
@@ -47,6 +47,15 @@ class Tables:
         """Return the bound of a ground atom, or None if it is unknown."""
         return self._relations.get(atom.predicate, _EMPTY).get(atom.arguments)
 
+    def entities(self) -> set[str]:
+        """Return every constant that some known atom names."""
+        return {
+            constant
+            for relation in self._relations.values()
+            for arguments in relation
+            for constant in arguments
+        }
+
     def has_all(self, predicates: frozenset[str]) -> bool:
         """Tell whether something is known of every one of these predicates."""
         return predicates <= self._relations.keys()
@@ -55,7 +64,7 @@ class Tables:
         """Return all known atoms of a predicate: arguments → bound."""
         return self._relations.get(predicate, _EMPTY)
 
-    def rows_with(self, predicate: str, position: int, constant: str) -> Iterable[Row]:
+    def rows_with(self, predicate: str, position: int, constant: str) -> Collection[Row]:
         """Return the known atoms that have a constant at a position."""
         index = self._indices.get((predicate, position))
         if index is None:

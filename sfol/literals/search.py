@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Protocol
 
 from sfol.facts import TRUE, Bound
@@ -11,6 +11,8 @@ from sfol.syntax import Atom
 Constants = tuple[str, ...]
 Row = tuple[Constants, Bound]
 Rows = Mapping[Constants, Bound]
+
+WORK_LIMIT = 2_000_000  # some two seconds
 
 
 class Scene(Protocol):
@@ -24,7 +26,7 @@ class Scene(Protocol):
         """Return all known atoms of a predicate: arguments → bound."""
         ...
 
-    def rows_with(self, predicate: str, position: int, constant: str) -> Iterable[Row]:
+    def rows_with(self, predicate: str, position: int, constant: str) -> Collection[Row]:
         """Return the known atoms that have a constant at a position."""
         ...
 
@@ -38,18 +40,39 @@ class Search:
         keys: the ground arguments of each literal that stands for an atom, where it is matched.
         bounds: the bound of each of them, where it is matched.
         visit: called for every substitution that satisfies the body.
+        left: how many more known atoms may be looked at.
     """
 
-    __slots__ = ("bounds", "keys", "scene", "values", "visit")
+    __slots__ = ("bounds", "keys", "left", "scene", "values", "visit")
 
     def __init__(
-        self, scene: Scene, values: list[str], atoms: int, visit: Callable[[Search], None]
+        self,
+        scene: Scene,
+        values: list[str],
+        atoms: int,
+        visit: Callable[[Search], None],
+        limit: int = WORK_LIMIT,
     ) -> None:
         self.scene = scene
         self.values = values
         self.keys: list[Constants] = [()] * atoms
         self.bounds: list[Bound] = [TRUE] * atoms
         self.visit = visit
+        self.left = limit
+
+    def spend(self, atoms: int) -> None:
+        """Count the known atoms that a step is about to look at.
+
+        Raises:
+            ExhaustedError: they are more than may be.
+        """
+        self.left -= atoms
+        if self.left < 0:
+            raise ExhaustedError
+
+
+class ExhaustedError(Exception):
+    """A search has looked at as many atoms as it may."""
 
 
 # A step of a plan: calls the next one for every way in which its literal can hold.
