@@ -30,9 +30,12 @@ class Backend(Protocol):
 
     Attributes:
         differentiable: whether gradients go through its arrays.
+        tolerance: by which share of itself a threshold may be missed, in the precision of the
+            computation; see `sfol.operators.least`.
     """
 
     differentiable: ClassVar[bool]
+    tolerance: float
 
     @staticmethod
     def owns(value: object) -> bool:
@@ -128,6 +131,7 @@ class Backend(Protocol):
 
 class _Numpy(Backend):
     differentiable = False
+    tolerance = 1e-9
 
     minimum = staticmethod(np.minimum)
     maximum = staticmethod(np.maximum)
@@ -202,6 +206,7 @@ class _Torch(Backend):
         self._torch = sys.modules["torch"]
         self._device = device
         self._dtype = dtype  # of real numbers
+        self.tolerance = 1e-9 if dtype == self._torch.float64 else 1e-6
 
     @staticmethod
     def owns(value: object) -> bool:

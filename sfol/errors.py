@@ -218,6 +218,16 @@ def _rebuild(
 _MOST_COMPARED = 500
 
 
+def torn_apart(text: str) -> str | None:
+    """Return what to do about a text that YAML has cut at a comma, if it looks like that."""
+    if text.count("(") == text.count(")") or len(text) > 80:
+        return None
+    return (
+        "within [ ] and { } of YAML a comma tears text apart: put the whole in quotes, as in "
+        '"CenterOf(p1, ego)" or "min(v, 1)"'
+    )
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """Return ``did you mean 'X'?`` for the known name most like this one, or the choices.
 
@@ -229,14 +239,21 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
         A suggestion for `SfolError`, or None where nothing is known at all.
     """
     candidates = sorted(set(known))
+    close = closest(name, candidates)
+    if close is not None:
+        return f"did you mean '{close}'?"
+    if not candidates:
+        return None
+    shown = ", ".join(candidates[:8])
+    return f"known: {shown}" + (", …" if len(candidates) > 8 else "")
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that is most like this one, or None if none is like it."""
+    candidates = sorted(set(known))
     # Of very many names those that stand near it in the alphabet: comparing with all takes long.
     here = bisect.bisect(candidates, name)
     near = candidates[max(here - _MOST_COMPARED // 2, 0) :][:_MOST_COMPARED]
     by_lower = {candidate.lower(): candidate for candidate in near}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean '{by_lower[close[0]]}'?"
-    if not candidates:
-        return None
-    shown = ", ".join(candidates[:8])
-    return f"known: {shown}" + (", …" if len(candidates) > 8 else "")
+    return by_lower[close[0]] if close else None

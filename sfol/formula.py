@@ -23,7 +23,7 @@ import numpy as np
 from sfol import arrays
 from sfol.arithmetic import COMPARISONS, FUNCTIONS, OPERATORS, SIGNS, Operation
 from sfol.arrays import Array
-from sfol.errors import FormulaError, did_you_mean, expect
+from sfol.errors import FormulaError, did_you_mean, expect, torn_apart
 
 MAXIMUM_LENGTH = 2_000
 MAXIMUM_DEPTH = 40
@@ -215,22 +215,45 @@ def _python_tree(text: str) -> ast.expr:
         raise _unreadable(text, max(column - 2, 0)) from None
 
 
+def can_be_read(name: str) -> bool:
+    """Tell whether a formula can have a name for a signal or parameter."""
+    return name.isidentifier() and not keyword.iskeyword(name)
+
+
+def check_formula_name(name: str) -> None:
+    """Make sure that a formula can read a signal or parameter of this name.
+
+    Raises:
+        FormulaError: it can't, since the name is a reserved word, or none at all.
+    """
+    if keyword.iskeyword(name):
+        raise _reserved(name, 0)
+    if not can_be_read(name):
+        raise FormulaError(
+            f"'{name}' is not a name that a formula can read",
+            name=name,
+            suggestion="names have letters, digits and underscores",
+        )
+
+
+def _reserved(word: str, offset: int) -> FormulaError:
+    return FormulaError(
+        f"'{word}' is a reserved word, which no name in a formula can be",
+        name=word,
+        suggestion=f"call it {word}_",
+        offset=offset,
+    )
+
+
 def _unreadable(text: str, offset: int) -> FormulaError:
     reserved = next((word for word in _WORD.finditer(text) if keyword.iskeyword(word[0])), None)
     if reserved:
-        return FormulaError(
-            f"'{reserved[0]}' is a reserved word, which no name in a formula can be",
-            name=reserved[0],
-            suggestion=f"call it {reserved[0]}_",
-            offset=reserved.start(),
-        )
-    torn = text.count("(") != text.count(")")
+        return _reserved(reserved[0], reserved.start())
     return FormulaError(
         f"'{text}' is not a formula",
         name=text,
-        suggestion='in a YAML mapping {…} a comma tears text apart: put it in quotes, "min(v, 1)"'
-        if torn
-        else "written like -(zeta * v**2 / (d + epsilon) + eta * (d == 0))",
+        suggestion=torn_apart(text)
+        or "written like -(zeta * v**2 / (d + epsilon) + eta * (d == 0))",
         offset=offset,
     )
 
@@ -269,7 +292,7 @@ def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Eva
             raise _refused(node, "a chain of comparisons", "write (a < b) * (b < c)")
         case ast.Call():
             return applied(_called(node), *node.args)
-    raise _refused(node, f"{type(node).__name__} in it", _instead(node))
+    raise _refused(node, f"'{ast.unparse(node):.40}'", _instead(node))
 
 
 def _called(node: ast.Call) -> Operation:

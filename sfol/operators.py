@@ -130,6 +130,23 @@ CONFIDENCES: Mapping[str, Callable[[Any, Any], Any]] = {
 }
 
 
+# By which share of itself a threshold may be missed: 1 − 0.8 is a little less than 0.2.
+TOLERANCE = 1e-9
+
+
+def least(threshold: float, tolerance: float = TOLERANCE) -> float:
+    """Return the least number that reaches a threshold.
+
+    Bounds are rounded, and thresholds are ordinary decimals, so that what is equal on paper may be
+    a little less: the mean of three 0.7 is less than 0.7.
+
+    Args:
+        threshold: as written in a knowledge base.
+        tolerance: the share of it that rounding may take away.
+    """
+    return threshold * (1.0 - tolerance)
+
+
 def negation(bound: Bound) -> Bound:
     """Return [1 − u, 1 − l], the bound of the negated atom."""
     return Bound(1.0 - bound.upper, 1.0 - bound.lower)

@@ -20,8 +20,9 @@ class Outcome:
         reward: R, the sum of the terms in their order.
         terms: term → weight × formula, signed.
         weights: weight → w.
-        confidences: head → τ̂ of the subject, 0 where nothing was concluded.
-        bounds: head → bound of the subject, None where nothing was concluded.
+        confidences: head → τ̂ of the subject, 0 where it is unknown.
+        bounds: head → bound of the subject, None where it is unknown: neither concluded by a rule
+            nor asserted by a fact.
         derived: every concluded atom with its bound.
         conclusions: what all of it was computed from; `RewardFunction.explain` and
             `RewardFunction.entity_weights` take them in place of the facts.

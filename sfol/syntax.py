@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
-from sfol.errors import ClauseError, expect
+from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
 OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
@@ -27,6 +27,24 @@ _TOKEN = re.compile(
     r"|(?P<name>[^\W\d]\w*)"
     rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
 )
+# What other languages write → what a clause says instead.
+_INSTEAD = {
+    "!": "write not P(X)",
+    "~": "write not P(X)",
+    "¬": "write not P(X)",
+    "\\": "write not P(X), and X != Y for different entities",
+    "&": "write a comma for and",
+    "∧": "write a comma for and",
+    "and": "write a comma for and",
+    "|": "write a rule for each, with the same head",
+    ";": "write a rule for each, with the same head",
+    "∨": "write a rule for each, with the same head",
+    "or": "write a rule for each, with the same head",
+    "<": "a rule is written head(X) :- body(X).",
+    "←": "a rule is written head(X) :- body(X).",
+    "-": "a rule is written head(X) :- body(X).",
+    "=": "X != Y is the only comparison",
+}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 
@@ -270,12 +288,9 @@ class Reader:
         return self._tokens[min(self._position + ahead, len(self._tokens) - 1)]
 
     def _unexpected(self, expected: str, suggestion: str | None = None) -> ClauseError:
-        if self._text.count("(") != self._text.count(")") and len(self._text) < 80:
-            suggestion = (
-                "in a YAML list [a, b] a comma tears text apart: "
-                'put the whole clause in quotes, "CenterOf(p1, ego)"'
-            )
+        suggestion = torn_apart(self._text) or suggestion
         token = self._peek()
+        suggestion = _INSTEAD.get(token.text.lower(), suggestion)
         found = "the text ends" if token.kind == "end" else f"'{token.text}' stands"
         return ClauseError(
             f"{expected} is expected where {found}",
@@ -293,6 +308,7 @@ def _tokenise(text: str) -> Iterator[_Token]:
             raise ClauseError(
                 f"the character {text[position]!r} has no place in a clause",
                 name=text[position],
+                suggestion=_INSTEAD.get(text[position]),
                 offset=position,
             )
         if match.lastgroup and match.lastgroup != "space":

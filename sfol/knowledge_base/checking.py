@@ -5,6 +5,8 @@ All errors are collected, so that one run shows everything that is wrong.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from typing import TypeVar
@@ -17,10 +19,11 @@ from sfol.errors import (
     KnowledgeBaseError,
     Place,
     SfolError,
+    closest,
     did_you_mean,
 )
 from sfol.facts import Bound, Facts
-from sfol.formula import Formula
+from sfol.formula import Formula, can_be_read, check_formula_name
 from sfol.knowledge_base.format import (
     Case,
     EntityWeight,
@@ -81,7 +84,10 @@ class _Checker:
         self._file = file
         self._place_of = place_of
         self._removed_heads = removed_heads
+        self._heads: set[str] = set()  # of the rules that could be read
         self._errors: list[SfolError] = []
+        # Names that something unreadable would have declared: not unknown, but not known either.
+        self._unread: set[str] = set()
 
     def parts(self, files: tuple[str, ...]) -> Parts:
         file = self._file
@@ -91,6 +97,7 @@ class _Checker:
         predicates = self._with_heads(declared, rules)
         conditions = self._entity_conditions()
         background = self._background(predicates)
+        self._heads = {rule.clause.head.predicate for rule in rules.values()}
         for name, rule in rules.items():
             self._check_rule(name, rule, predicates)
         for index, condition in conditions.items():
@@ -98,6 +105,7 @@ class _Checker:
         self._check_heads_are_used(declared, rules, conditions.values())
         self._check_cycles(rules)
         self._check_semantics()
+        self._check_signals()
         self._check_weights(rules)
         terms = self._terms()
         for index, case in enumerate(file.tests):
@@ -137,6 +145,7 @@ class _Checker:
             path = ("predicates", key)
             signature = self._parsed(path, parse_signature, key)
             if signature is None:
+                self._unread.update(_first_name(key))
                 continue
             name, parameters = signature
             if name in found:
@@ -154,6 +163,7 @@ class _Checker:
     def _rule(self, name: str, entry: RuleEntry) -> Rule | None:
         clause = self._parsed(("rules", name, "rule"), parse_clause, entry.rule)
         if clause is None:
+            self._unread.update(_first_name(entry.rule))
             return None
         return Rule(name, clause, entry.description, entry.threshold, entry.negation_threshold)
 
@@ -190,6 +200,7 @@ class _Checker:
         if isinstance(entry.weight, str) and entry.weight not in weights:
             self._unknown(("terms", name, "weight"), "weight", entry.weight, weights)
         for parameter in entry.parameters:
+            self._parsed(("terms", name, "parameters", parameter), check_formula_name, parameter)
             if parameter in signals:
                 self._report(
                     ("terms", name, "parameters", parameter),
@@ -203,7 +214,7 @@ class _Checker:
             return None
         self._parsed(path, formula.check_names, {*signals, *entry.parameters})
         for parameter in entry.parameters:
-            if parameter not in formula.names:
+            if parameter not in formula.names and can_be_read(parameter):
                 self._report(
                     ("terms", name, "parameters", parameter),
                     f"the formula of '{name}' does not use the parameter '{parameter}'",
@@ -296,9 +307,12 @@ class _Checker:
         bodies += [condition.when for condition in conditions]
         used = {name for body in bodies for name in body.predicates}
         used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
+        unknown = used - {*declared, *(rule.clause.head.predicate for rule in rules.values())}
         for name, rule in rules.items():
             head = rule.clause.head.predicate
-            if head not in declared and head not in used:
+            # Where the misspelt name is that of the reader, it is reported there.
+            misread = any(closest(other, [head]) for other in unknown)
+            if head not in declared and head not in used and not misread:
                 self._unknown(("rules", name, "rule"), "predicate", head, {*declared, *used})
 
     def _check_cycles(self, rules: Mapping[str, Rule]) -> None:
@@ -327,6 +341,17 @@ class _Checker:
                 "write groundings: best",
             )
 
+    def _check_signals(self) -> None:
+        for name, signal in self._file.signals.items():
+            self._parsed(("signals", name), check_formula_name, name)
+            if signal.default is not None and math.isnan(signal.default):
+                self._report(
+                    ("signals", name, "default"),
+                    f"the default of '{name}' is NaN",
+                    name,
+                    "leave it out, so that the caller must give the signal",
+                )
+
     def _check_weights(self, rules: Mapping[str, Rule]) -> None:
         arity = {r.clause.head.predicate: len(r.clause.head.arguments) for r in rules.values()}
         unary = {head for head, count in arity.items() if count == 1} | self._removed_heads
@@ -347,9 +372,9 @@ class _Checker:
             for atom in self._parsed(where, Facts.parse, text) or ():
                 self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
         expect = case.expect
-        heads = {name for name, predicate in predicates.items() if predicate.arity == 1}
+        heads = {n for n, p in predicates.items() if p.arity == 1 and n in self._heads}
         known = (
-            ("signals", case.signals, self._file.signals, ("signals",)),
+            ("signal", case.signals, self._file.signals, ("signals",)),
             ("head", expect.bounds, heads | self._removed_heads, ("expect", "bounds")),
             ("head", expect.confidences, heads | self._removed_heads, ("expect", "confidences")),
             ("weight", expect.weights, self._file.weights, ("expect", "weights")),
@@ -358,7 +383,7 @@ class _Checker:
         for what, names, choices, key in known:
             for name in names:
                 if name not in choices:
-                    self._unknown((*path, *key, name), what.rstrip("s"), name, choices)
+                    self._unknown((*path, *key, name), what, name, choices)
         for head, pair in expect.bounds.items():
             if pair is not None:
                 self._parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
@@ -404,5 +429,11 @@ class _Checker:
         known: Iterable[str],
         offset: int = 0,
     ) -> None:
-        hint = did_you_mean(name, known)
-        self._report(path, f"unknown {what} '{name}'", name, hint, offset)
+        if name not in self._unread:
+            hint = did_you_mean(name, known)
+            self._report(path, f"unknown {what} '{name}'", name, hint, offset)
+
+
+def _first_name(text: str) -> list[str]:
+    """Return the name before the first bracket of a text that is no clause, if there is one."""
+    return re.findall(r"\A\s*([A-Za-z]\w*)\s*\(", text)

@@ -97,11 +97,21 @@ class Weight(_Section):
     description: str = Field("", description="What it weighs.")
 
 
+def _as_text(value: Any) -> Any:
+    return repr(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+# YAML reads -10 as a number; as a formula it is one as well.
+_Formula = Annotated[str, BeforeValidator(_as_text, json_schema_input_type=str | float)]
+
+
 class Term(_Section):
     """One summand of the reward: weight × formula."""
 
     weight: str | FiniteFloat = Field(description="A weight's name, or a constant.")
-    formula: str = Field(description="Over signals and parameters, such as -xi * (v - v_next)**2.")
+    formula: _Formula = Field(
+        description="Over signals and parameters, such as -xi * (v - v_next)**2."
+    )
     parameters: dict[str, FiniteFloat] = Field(default_factory=dict, description="Name → number.")
     description: str = Field("", description="What it rewards or punishes.")
 

@@ -27,6 +27,7 @@ from sfol.errors import (
     SfolError,
     did_you_mean,
     expect,
+    torn_apart,
 )
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
@@ -382,7 +383,7 @@ def _of_pydantic(
         return KnowledgeBaseError(
             f"unknown key '{name}'{parent}",
             name=name,
-            suggestion=did_you_mean(name, _fields_at(model, error["loc"][:-1])),
+            suggestion=torn_apart(name) or did_you_mean(name, _fields_at(model, error["loc"][:-1])),
             place=spot.of_key() if spot else None,
         )
     if error["type"] == "missing":
@@ -391,7 +392,8 @@ def _of_pydantic(
     message = f"{'.'.join(map(str, path))}: {error['msg'][:1].lower()}{error['msg'][1:]}"
     if not isinstance(error["input"], dict | list):
         message += f", not {_short(error['input'])}"
-    return KnowledgeBaseError(message, name=name, place=_place_of(places, path))
+    place = _place_of(places, path)
+    return KnowledgeBaseError(message, name=name, suggestion=torn_apart(name), place=place)
 
 
 def _short(value: object) -> str:

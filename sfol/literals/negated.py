@@ -19,7 +19,7 @@ from sfol.literals.literal import (
     Thresholds,
 )
 from sfol.literals.search import Rows, Scene, Search, Step
-from sfol.operators import negation
+from sfol.operators import least, negation
 from sfol.syntax import Atom, Reader
 
 
@@ -54,11 +54,12 @@ class Negated(AtomLiteral):
         return TRUE if known is None else negation(known)
 
     def holds(self, thresholds: Thresholds) -> Reading:
-        threshold = thresholds.negation_threshold
-        return lambda known: negation(known) if 1.0 - known[1] >= threshold else None
+        enough = least(thresholds.negation_threshold)
+        return lambda known: negation(known) if 1.0 - known[1] >= enough else None
 
     def reaches(self, confidence: float) -> Reading:
-        return lambda known: negation(known) if 1.0 - known.midpoint >= confidence else None
+        enough = least(confidence)
+        return lambda known: negation(known) if 1.0 - known.midpoint >= enough else None
 
     def step(self, number: int, slots: Mapping[str, int], criterion: Criterion, then: Step) -> Step:
         predicate, reading, key_of = self.atom.predicate, criterion(self), self.atom.key(slots)
@@ -84,11 +85,13 @@ class Negated(AtomLiteral):
 
     def batch_holds(self, atoms: BatchBounds, rows: Array, thresholds: Thresholds) -> Array:
         lower = atoms.backend.where(atoms.known(rows), 1.0 - atoms.upper(rows), 1.0)
-        return lower >= thresholds.negation_threshold
+        return lower >= least(thresholds.negation_threshold, atoms.backend.tolerance)
 
     def query(self, thresholds: Thresholds) -> QueryClause:
         # PyReason's own negation fails on unknown atoms, so it reads a predicate of its own.
-        return QueryClause(f"not.{self.atom.predicate}", self.terms, thresholds.negation_threshold)
+        return QueryClause(
+            f"not.{self.atom.predicate}", self.terms, least(thresholds.negation_threshold)
+        )
 
     def query_rows(self, scene: Scene, domain: Sequence[str]) -> Rows:
         rows = scene.rows(self.atom.predicate)

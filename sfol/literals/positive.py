@@ -17,6 +17,7 @@ from sfol.literals.literal import (
     Thresholds,
 )
 from sfol.literals.search import Rows, Scene
+from sfol.operators import least
 from sfol.syntax import Atom, Reader
 
 
@@ -49,11 +50,12 @@ class Positive(AtomLiteral):
         return known
 
     def holds(self, thresholds: Thresholds) -> Reading:
-        threshold = thresholds.threshold
-        return lambda known: known if known[1] > 0.0 and known[0] >= threshold else None
+        enough = least(thresholds.threshold)
+        return lambda known: known if known[1] > 0.0 and known[0] >= enough else None
 
     def reaches(self, confidence: float) -> Reading:
-        return lambda known: known if known.midpoint >= confidence else None
+        enough = least(confidence)
+        return lambda known: known if known.midpoint >= enough else None
 
     def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         bound = scene.bound(self.atom)
@@ -61,7 +63,7 @@ class Positive(AtomLiteral):
             return str(self)
         if bound.upper == 0.0:
             return f"{self} (known to be false)"
-        if bound.lower < thresholds.threshold:
+        if bound.lower < least(thresholds.threshold):
             return f"{self} (its {bound} is below the threshold {thresholds.threshold:.4g})"
         return f"{self} together with the rest"
 
@@ -69,11 +71,14 @@ class Positive(AtomLiteral):
         return atoms.lower(rows), atoms.upper(rows)
 
     def batch_holds(self, atoms: BatchBounds, rows: Array, thresholds: Thresholds) -> Array:
-        possible, threshold = atoms.possible(rows), thresholds.threshold
-        return possible & (atoms.lower(rows) >= threshold) if threshold > 0.0 else possible
+        possible, enough = (
+            atoms.possible(rows),
+            least(thresholds.threshold, atoms.backend.tolerance),
+        )
+        return possible & (atoms.lower(rows) >= enough) if enough > 0.0 else possible
 
     def query(self, thresholds: Thresholds) -> QueryClause:
-        return QueryClause(self.atom.predicate, self.terms, thresholds.threshold)
+        return QueryClause(self.atom.predicate, self.terms, least(thresholds.threshold))
 
     def query_rows(self, scene: Scene, domain: Sequence[str]) -> Rows:
         # PyReason would let an atom that is known to be false pass at threshold 0.

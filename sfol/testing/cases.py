@@ -75,7 +75,10 @@ def run_tests(kb: KnowledgeBase) -> TestReport:
 def run_case(reward: RewardFunction, case: Case) -> CaseResult:
     """Run one test of a knowledge base."""
     facts = Facts.parse(case.facts, margin=reward.kb.grounding.margin)
-    conclusions = reward.conclude(facts)
+    try:
+        conclusions = reward.conclude(facts)
+    except SfolError as error:
+        return CaseResult(case.name, (str(error),), frozenset())
     try:
         outcome = reward.evaluate(conclusions, **case.signals)
     except SfolError as error:

@@ -99,16 +99,23 @@ def _satisfies(rule: Rule, substitution: Substitution, known: Known) -> bool:
     return all(_holds(rule, literal, substitution, known) for literal in literals)
 
 
+def _reaches(number: float, threshold: float) -> bool:
+    # What misses a threshold by less than a thousand-millionth of it reaches it.
+    return number >= threshold or threshold - number <= threshold * 1e-9
+
+
 def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Known) -> bool:
     bound = _literal_bound(literal, substitution, known)
     match literal:
         case Positive():
             # A positive literal holds iff the atom is known, its upper bound is above 0 and its
             # lower bound reaches the rule's threshold.
-            return bound is not None and bound.upper > 0 and bound.lower >= rule.threshold
+            if bound is None or bound.upper <= 0:
+                return False
+            return _reaches(bound.lower, rule.threshold)
         case Negated():
             # A negated literal holds iff its lower bound reaches the negation threshold.
-            return bound is not None and bound.lower >= rule.negation_threshold
+            return bound is not None and _reaches(bound.lower, rule.negation_threshold)
         case NotEqual(left, right):
             return substitution.get(left, left) != substitution.get(right, right)
     raise NotImplementedError(f"what '{literal}' means is not defined")

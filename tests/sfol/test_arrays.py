@@ -66,6 +66,7 @@ def on_numbers(function):
 
 class ColumnBackend:
     differentiable = False
+    tolerance = 1e-9
 
     owns = staticmethod(lambda value: isinstance(value, Column))
     is_real = staticmethod(lambda column: True)
