@@ -19,9 +19,9 @@ from keys import keys, one_line, table
 from rooms import drawing
 from typer.cli import get_docs_for_click
 
+import sfol.arithmetic
 import sfol.clauses
 import sfol.errors
-import sfol.formula
 import sfol.operators
 import sfol.syntax
 import sfol.tools.lint
@@ -130,8 +130,8 @@ def operators() -> str:
 def functions() -> str:
     """Return a table of the functions that formulas may call."""
     rows = [
-        (f"`{name}`", str(least) if least == most else f"{least} to {most}")
-        for name, (_, least, most) in sfol.formula.FUNCTIONS.items()
+        (f"`{name}`", " to ".join(map(str, sorted({function.least, function.most}))))
+        for name, function in sfol.arithmetic.FUNCTIONS.items()
     ]
     return table(("function", "arguments"), rows)
 
