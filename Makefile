@@ -4,9 +4,11 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 UV     := $(BIN)/uv pip install --quiet
+MINUTES ?= 5
+READERS ?= knowledge_base clause formula facts log
 CORE_TESTS := tests/sfol tests/laws tests/test_imports.py -n 2 --passed-at-least 700
 
-.PHONY: help demo test test-core test-lowest test-long coverage lint bench docs clean
+.PHONY: help demo test test-core test-lowest test-long fuzz coverage lint bench docs clean
 
 help:  ## Say what the targets do
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -37,6 +39,12 @@ test-lowest: $(INSTALLED)
 
 test-long: $(INSTALLED)  ## Run the tests that take long: many more random cases
 	$(BIN)/python -m pytest -m long
+
+fuzz: $(INSTALLED)  ## Look for inputs that crash a reader: MINUTES=5 for each of READERS
+	$(UV) --python $(VENV) --constraint constraints.txt '.[fuzz]'
+	@for reader in $(READERS); do \
+	    echo "$$reader:" && $(BIN)/python -m tests.fuzz $$reader runs/fuzz $(MINUTES) || exit 1; \
+	done
 
 coverage: $(INSTALLED)  ## Run all tests and show which lines and branches they miss
 	$(BIN)/python -m pytest --cov --cov-report=term-missing
