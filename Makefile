@@ -41,7 +41,7 @@ test-long: $(INSTALLED)  ## Run the tests that take long: many more random cases
 	$(BIN)/python -m pytest -m long
 
 fuzz: $(INSTALLED)  ## Look for inputs that crash a reader: MINUTES=5 for each of READERS
-	$(UV) --python $(VENV) --constraint constraints.txt '.[fuzz]'
+	$(UV) --python $(VENV) --constraint constraints.txt --editable '.[fuzz]'
 	@for reader in $(READERS); do \
 	    echo "$$reader:" && $(BIN)/python -m tests.fuzz $$reader runs/fuzz $(MINUTES) || exit 1; \
 	done
