@@ -3,6 +3,7 @@ PYTHON ?= python3.11
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+PIP    := $(BIN)/pip install --quiet --disable-pip-version-check
 UV     := $(BIN)/uv pip install --quiet
 MINUTES ?= 5
 READERS ?= knowledge_base clause formula facts log
@@ -63,7 +64,7 @@ bench: $(INSTALLED)  ## Measure the speed of every stage, in some fifteen minute
 	$(BIN)/python -m vsr.bench
 	$(BIN)/aeb bench
 
-docs: $(VENV)/.docs  ## Build the documentation into docs/_build
+docs: $(INSTALLED)  ## Build the documentation into docs/_build
 	$(BIN)/sphinx-build -W -b html docs docs/_build
 
 clean:  ## Remove what the other targets made
@@ -74,9 +75,12 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	  { echo "Python 3.11 is needed (pybullet has no wheel for newer ones): make PYTHON=/path/to/python3.11"; exit 1; }
 	@echo "Installing into $(VENV); this takes a few minutes, once."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[aeb,pyreason,dev]'
+	$(PIP) --require-hashes --requirement constraints.txt
+	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(VENV)/.docs: $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
-	@touch $@
+.PHONY: constraints
+constraints: $(INSTALLED)  ## Write constraints.txt anew: the newest versions that fit together, with hashes
+	$(BIN)/uv pip compile pyproject.toml --extra aeb --extra pyreason --extra dev --extra docs \
+	  --universal --python-version 3.11.9 --generate-hashes --no-annotate --quiet \
+	  --custom-compile-command 'make constraints' --output-file constraints.txt
