@@ -75,7 +75,7 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	  { echo "Python 3.11 is needed (pybullet has no wheel for newer ones): make PYTHON=/path/to/python3.11"; exit 1; }
 	@echo "Installing into $(VENV); this takes a few minutes, once."
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --require-hashes --requirement constraints.txt
+	$(PIP) --no-deps --require-hashes --requirement constraints.txt
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
