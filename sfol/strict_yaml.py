@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import yaml
 
 from sfol.errors import FileError, Place
+from sfol.reading import text_of
 
-MAXIMUM_BYTES = 1_000_000
 MAXIMUM_DEPTH = 20
 MAXIMUM_VALUES = 50_000
 MAXIMUM_DIGITS = 400
@@ -180,7 +180,7 @@ def read(path: Path) -> Document:
     Raises:
         FileError: it can't be read, is no YAML, or passes a limit.
     """
-    return parse(_text_of(path), str(path))
+    return parse(text_of(path), str(path))
 
 
 def parse(text: str, file: str) -> Document:
@@ -207,27 +207,6 @@ def parse(text: str, file: str) -> Document:
         )
     places = Places()
     return Document(file, _Builder(file, text).build(node, places, depth=0), places)
-
-
-def _text_of(path: Path) -> str:
-    place = Place(str(path))
-    try:
-        if path.exists() and not path.is_file():
-            raise FileError(
-                "the file can't be read: it is not a regular file", name=path.name, place=place
-            )
-        with path.open("rb") as stream:  # a file that grows meanwhile is not read to its end
-            content = stream.read(MAXIMUM_BYTES + 1)
-        if len(content) > MAXIMUM_BYTES:
-            raise FileError(
-                f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
-            )
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise FileError(f"the file can't be read: {reason}", name=path.name, place=place) from None
 
 
 def _broken(file: str, error: yaml.YAMLError) -> FileError:
