@@ -13,8 +13,9 @@ from rich.table import Table
 from sfol.cli.app import app
 from sfol.cli.inputs import path_or_name
 from sfol.cli.output import escaped, note, note_unknown, stdout
-from sfol.errors import SfolError, UsageError
+from sfol.errors import UsageError
 from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base.loading import bundled_names
 from sfol.logs import Log, LoggedStep, read_log
 from sfol.outcome import Outcome
 from sfol.tools.plotting import MOST_EPISODES, plot
@@ -72,14 +73,13 @@ def replay(
 
 
 def _of_the_recording(log: Log) -> KnowledgeBase:
-    try:
-        kb = KnowledgeBase.load(log.name)
-    except SfolError:
+    if log.name not in bundled_names():  # a log is data: its name is no path
         raise UsageError(
             f"the log was recorded under '{log.name}', which is not bundled",
             name=log.name,
             suggestion="name its file: sfol replay LOG FILE",
-        ) from None
+        )
+    kb = KnowledgeBase.load(log.name)
     if kb.hash != log.hash:
         note(f"'{kb.name}' has changed since the recording")
     return kb

@@ -83,6 +83,17 @@ def test_errors(drives, tmp_path, monkeypatch, kitchen):
     assert (done.code, "sfol[plot]" in done.err) == (2, True)
 
 
+@pytest.mark.parametrize("name", ["{}/kitchen.yaml", "{}/kitchen", "../rules/aeb.yaml", "", "a\0b"])
+def test_the_name_in_a_log_is_no_path(tmp_path, kitchen, name):
+    kb = replace(kitchen(), name=name.format(tmp_path))
+    path = tmp_path / "x.parquet"
+    with LogWriter(path, kb) as log:
+        log.step(Facts(), time=0.0, speed=1.0)
+    done = sfol("replay", path)
+    assert done.code == 2
+    assert "which is not bundled" in done.err
+
+
 def test_a_knowledge_base_that_changed_is_noted(tmp_path):
     path = tmp_path / "x.parquet"
     kb = KnowledgeBase.load("crossing")
