@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -64,7 +64,8 @@ def replay(
     episodes = _chosen(replayed(recorded, base), episode)
     console = stdout()
     for one in episodes:
-        console.print(_table(one, every, console.width))
+        for table in _tables(one, every, console.width):
+            console.print(table)
     if picture is not None:
         plot(episodes, picture)
         if len(episodes) > MOST_EPISODES:
@@ -97,17 +98,24 @@ def _chosen(episodes: Sequence[ReplayedEpisode], number: int | None) -> Sequence
     return episodes[number : number + 1]
 
 
-def _table(replayed: ReplayedEpisode, every: int | None, width: int) -> Table:
+def _tables(replayed: ReplayedEpisode, every: int | None, width: int) -> Iterator[Table]:
+    """Yield tables with a column for a step, as many as fit beside each other."""
+    episode, count = replayed.episode, len(replayed.outcomes)
+    fitting = max((width - _NAMES) // _COLUMN, 2)
+    shown = _chosen_steps(count, every, fitting)
+    title = (
+        f"episode {episode.number}: {escaped(episode.ending or 'cut short')}, "
+        f"{count} steps, return {replayed.value:.4g}"
+    )
+    for start in range(0, len(shown), fitting):
+        yield _table(replayed, shown[start : start + fitting], title if start == 0 else None)
+
+
+def _table(replayed: ReplayedEpisode, shown: Sequence[int], title: str | None) -> Table:
     """Return a table with a column for a step, and a row for everything that has a number."""
     episode, outcomes = replayed.episode, replayed.outcomes
-    table = Table(
-        title=f"episode {episode.number}: {escaped(episode.ending or 'cut short')}, "
-        f"{len(outcomes)} steps, return {replayed.value:.4g}",
-        title_justify="left",
-    )
+    table = Table(title=title, title_justify="left")
     table.add_column("time in s")
-    fitting = max((width - _NAMES) // _COLUMN, 2)
-    shown = range(0, len(outcomes), every or math.ceil(len(outcomes) / fitting))
     for index in shown:
         table.add_column(f"{episode.steps[index].time:.1f}", justify="right", no_wrap=True)
     rows = [_numbers(episode.steps[index], outcomes[index]) for index in shown]
@@ -119,6 +127,13 @@ def _table(replayed: ReplayedEpisode, every: int | None, width: int) -> Table:
             table.add_row(escaped(f"{group} {name}".strip()), *cells, style=style)
         table.add_section()
     return table
+
+
+def _chosen_steps(count: int, every: int | None, fitting: int) -> list[int]:
+    """Return the steps to show: every n-th, or as many as fit, and always the last."""
+    last = count - 1
+    apart = every or max(math.ceil(last / (fitting - 1)), 1)
+    return [*range(0, last, apart), last]
 
 
 def _numbers(step: LoggedStep, outcome: Outcome) -> dict[str, Mapping[str, float]]:

@@ -61,6 +61,25 @@ def test_the_table(drives):
     assert [cell.strip() for cell in line.split("│")[2:-1]] == ["6", "5.98"]
 
 
+@pytest.mark.parametrize("steps", [1, 2, 15, 16, 100])
+@pytest.mark.parametrize("every", [None, 1, 7])
+def test_the_first_and_the_last_step_are_shown(tmp_path, steps, every):
+    """What ends an episode, such as a crash, comes with its last step."""
+    path = tmp_path / "x.parquet"
+    with LogWriter(path, KnowledgeBase.load("aeb")) as log:
+        for step in range(steps):
+            log.step(NEAR, time=float(step), v=float(step), v_next=0.0, d=9.0)
+    done = sfol("replay", path, *([] if every is None else ["--every", every]))
+    lines = [line for line in done.out.splitlines() if "│ signal v " in line]
+    shown = [int(cell) for line in lines for cell in line.split("│")[2:-1]]
+    assert max(map(len, done.out.splitlines())) <= 200
+    if every is None:
+        assert (shown[0], shown[-1], len(lines)) == (0, steps - 1, 1)
+        assert len(shown) == steps or shown[1] * 14 >= steps - 1
+    else:
+        assert shown == sorted({*range(0, steps, every), steps - 1})
+
+
 @pytest.mark.parametrize("ending", ["png", "svg"])
 def test_the_picture(drives, tmp_path, ending):
     path = tmp_path / f"out.{ending}"
