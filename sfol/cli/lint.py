@@ -11,13 +11,14 @@ from rich.console import Console
 
 from sfol.cli.app import app
 from sfol.cli.inputs import LogFile, Sources, files
-from sfol.cli.output import escaped, note_unknown, stdout
+from sfol.cli.output import line, note_unknown, stdout
 from sfol.errors import UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import read_log
 from sfol.tools.lint import DOMINANT, Finding, lint_episodes, located
 from sfol.tools.lint import lint as findings_of
 from sfol.tools.replay import replay
+from sfol.tools.texts import visible
 
 # Of the logs that the bundled street writes; other environments name their own with --endings.
 _ENDINGS = ("collision", "timeout", "success")
@@ -75,10 +76,11 @@ def lint(
 
 def _print(console: Console, path: str | Path, findings: Sequence[Finding]) -> None:
     for finding in findings:
-        console.print(
-            f"{escaped(finding.place or path)}: [{_COLOURS[finding.level]}]{finding.code}[/] "
-            f"{escaped(finding.message)} — {escaped(finding.suggestion)}",
-            soft_wrap=True,
+        line(
+            console,
+            f"{visible(finding.place or path)}: ",
+            (finding.code, _COLOURS[finding.level]),
+            f" {visible(finding.message)} — {visible(finding.suggestion)}",
         )
     if not findings:
-        console.print(f"{escaped(path)}: [green]nothing found[/]", soft_wrap=True)
+        line(console, f"{visible(path)}: ", ("nothing found", "green"))

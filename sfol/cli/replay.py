@@ -12,7 +12,7 @@ from rich.table import Table
 
 from sfol.cli.app import app
 from sfol.cli.inputs import path_or_name
-from sfol.cli.output import escaped, note, note_unknown, stdout
+from sfol.cli.output import line, note, note_unknown, stdout
 from sfol.errors import UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.loading import bundled_names
@@ -21,6 +21,7 @@ from sfol.outcome import Outcome
 from sfol.tools.plotting import MOST_EPISODES, plot
 from sfol.tools.replay import ReplayedEpisode
 from sfol.tools.replay import replay as replayed
+from sfol.tools.texts import visible
 
 _NAMES, _COLUMN = 28, 11  # characters for the names of the rows, and for each step
 _COLOURS = {
@@ -70,7 +71,7 @@ def replay(
         plot(episodes, picture)
         if len(episodes) > MOST_EPISODES:
             note(f"only the first {MOST_EPISODES} episodes are drawn")
-        console.print(f"{escaped(picture)}: drawn", soft_wrap=True)
+        line(console, f"{visible(picture)}: drawn")
 
 
 def _of_the_recording(log: Log) -> KnowledgeBase:
@@ -104,7 +105,7 @@ def _tables(replayed: ReplayedEpisode, every: int | None, width: int) -> Iterato
     fitting = max((width - _NAMES) // _COLUMN, 2)
     shown = _chosen_steps(count, every, fitting)
     title = (
-        f"episode {episode.number}: {escaped(episode.ending or 'cut short')}, "
+        f"episode {episode.number}: {visible(episode.ending or 'cut short')}, "
         f"{count} steps, return {replayed.value:.4g}"
     )
     for start in range(0, len(shown), fitting):
@@ -124,7 +125,7 @@ def _table(replayed: ReplayedEpisode, shown: Sequence[int], title: str | None) -
             # A term of nothing is often -0.0, which + 0.0 makes 0.
             cells = [f"{row[group][name] + 0.0:.3g}" for row in rows]
             style = colour if any(cell != cells[0] for cell in cells) else "dim"
-            table.add_row(escaped(f"{group} {name}".strip()), *cells, style=style)
+            table.add_row(visible(f"{group} {name}".strip()), *cells, style=style)
         table.add_section()
     return table
 

@@ -1,12 +1,14 @@
 """Replay: a log under a knowledge base, as a table and as a picture."""
 
 import sys
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import pytest
 
 from sfol import Facts, KnowledgeBase, RewardFunction
-from sfol.logs import LogWriter, read_log
+from sfol.logs import Log, LoggedEpisode, LoggedStep, LogWriter, read_log
+from sfol.tools.plotting import plot
 from sfol.tools.replay import replay, unknown_names
 from tests.sfol.command_line import sfol
 
@@ -86,6 +88,20 @@ def test_the_picture(drives, tmp_path, ending):
     assert sfol("replay", drives, "--plot", path).code == 0
     start = path.read_bytes()[:300]
     assert b"PNG" in start or b"<svg" in start or b"<?xml" in start
+
+
+@pytest.mark.parametrize("name", ["$x^$", "$\\frac$", "_x", "all", "a\x07b\n", "<!-- -->", "🙂"])
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_names_in_a_picture_are_texts(tmp_path, kitchen, name):
+    kb = kitchen()
+    term = replace(kb.terms["haste"], name=name)
+    kb = replace(kb, terms={name: term, "haste": kb.terms["haste"]})
+    log = Log(
+        "kitchen", "", "", (LoggedEpisode(0, name, (LoggedStep(0.0, Facts(), {"speed": 1.0}),)),)
+    )
+    plot(replay(log, kb), tmp_path / "x.svg")
+    drawn = ET.parse(tmp_path / "x.svg")
+    assert drawn.getroot().tag.endswith("svg")
 
 
 def test_errors(drives, tmp_path, monkeypatch, kitchen):
