@@ -3,39 +3,60 @@
 A row is a step. Its columns are ``episode`` and ``step`` (numbers from 0), ``time`` in s,
 ``facts`` (a list of atom, lower and upper bound, so that every bound comes back exactly),
 ``signals`` (name → number) and ``ending``, how the episode ended, the same in all its rows. The
-file's metadata hold the version of the format, that of sfol, and the name and hash of the
-knowledge base. A log has what a reward needs, so that any other knowledge base can be put to the
-same episodes.
+file's metadata hold the version of the format, that of sfol, the name and hash of the knowledge
+base, and a digest of all bytes of the file but its own. A log has what a reward needs, so that any
+other knowledge base can be put to the same episodes.
+
+What is read is what was written: the digest is checked first, and then every value of every row,
+since other programs write logs without a digest.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from sfol.errors import Place, SfolError, UsageError, missing_extra
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from sfol.errors import FileError, Place, SfolError, SignalError, UsageError, missing_extra
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
+from sfol.locking import locked
+from sfol.reading import opened
 from sfol.syntax import Atom, parse_ground_atom
 from sfol.writing import replacing
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 LOG_VERSION = 1
-_KEY = b"sfol"
+MAXIMUM_ROWS = 500_000
+_KEY, _DIGEST_KEY, _DIGITS = b"sfol", b"sfol_digest", 64
+# A key of the metadata, and of its value that it is a text and how long; source: Thrift's compact
+# protocol, in which Parquet has its metadata.
+_MARK = _DIGEST_KEY + bytes([0x18, _DIGITS])
 _COLUMNS = ("episode", "step", "time", "facts", "signals", "ending")
+# For each row that may be read, on average; with 500,000 rows some GB of memory.
+_MOST_VALUES, _MOST_BYTES = 20, 2_000
+
+_WRITER = "sfol.logs.LogWriter writes logs"
+_DAMAGED = "take a copy that is whole, or record it again"
+
+_Row = Mapping[str, Any]
 
 
-class LogError(SfolError):
+class LogError(FileError):
     """A file is not a log that this version of sfol can read."""
 
 
@@ -89,8 +110,9 @@ class Log:
 class LogWriter:
     """Writes a log, step by step; the file appears when it is whole.
 
-    Until `close` it stands beside with the ending ``.part``. As a context manager it closes
-    itself, and leaves no file behind if an exception ends the block.
+    Until `close` it stands beside with the ending ``.part``, and is locked: a second writer of the
+    same file is refused, in this process or another. As a context manager it closes itself, and
+    leaves no file behind if an exception ends the block.
 
     Args:
         path: the file, which is replaced if it exists.
@@ -98,7 +120,7 @@ class LogWriter:
 
     Raises:
         MissingExtraError: pyarrow is not installed.
-        UsageError: the file can't be written.
+        UsageError: the file can't be written, or is being written already.
 
     Example:
         >>> import sfol
@@ -113,13 +135,13 @@ class LogWriter:
     def __init__(self, path: str | Path, kb: KnowledgeBase) -> None:
         self._arrow = _pyarrow()
         self._schema = _schema(kb)
+        self._path = Path(path)
         self._rows: list[dict[str, Any]] = []
         self._episode = 0
         with ExitStack() as opening:
-            part = opening.enter_context(replacing(Path(path)))
-            self._file = opening.enter_context(
-                self._arrow.parquet.ParquetWriter(part, self._schema, compression="zstd")
-            )
+            opening.enter_context(locked(self._path, "log"))
+            part = opening.enter_context(replacing(self._path))
+            self._file = opening.enter_context(_writing(self._arrow, part, self._schema))
             self._open = opening.pop_all()
 
     def step(self, facts: Facts, *, time: float, **signals: float) -> None:
@@ -129,17 +151,22 @@ class LogWriter:
             facts: what is known before the action; later changes do not matter.
             time: seconds since the episode began.
             signals: as given to `RewardFunction.evaluate`.
+
+        Raises:
+            SignalError: the time or a signal is not a number, or NaN.
+            UsageError: the log is closed.
         """
+        self._check_open()
         self._rows.append(
             {
                 "episode": self._episode,
                 "step": len(self._rows),
-                "time": float(time),
+                "time": _number("time", time),
                 "facts": [
                     {"atom": str(atom), "lower": bound.lower, "upper": bound.upper}
                     for atom, bound in facts.items()
                 ],
-                "signals": [(name, float(value)) for name, value in signals.items()],
+                "signals": [(name, _number(name, value)) for name, value in signals.items()],
             }
         )
 
@@ -150,12 +177,19 @@ class LogWriter:
             ending: how it ended, in the recorder's own words; None if it was cut short.
 
         Raises:
-            UsageError: there was no step.
+            UsageError: there was no step, the ending is no text, the file can't be written, or the
+                log is closed.
         """
+        self._check_open()
         if not self._rows:
             raise UsageError("an episode without a step can't be logged")
         rows = [{**row, "ending": ending} for row in self._rows]
-        self._file.write_table(self._arrow.Table.from_pylist(rows, schema=self._schema))
+        try:
+            self._file.write_table(self._arrow.Table.from_pylist(rows, schema=self._schema))
+        except (self._arrow.ArrowException, OSError, ValueError) as error:
+            raise UsageError(
+                f"'{self._path}' can't be written: {error}", name=str(self._path)
+            ) from None
         self._rows = []
         self._episode += 1
 
@@ -179,41 +213,35 @@ class LogWriter:
         else:
             self._open.__exit__(kind, error, traceback)
 
+    def _check_open(self) -> None:
+        if not self._file.is_open:
+            raise UsageError(f"the log '{self._path}' is closed", name=str(self._path))
 
-def read_log(path: str | Path) -> Log:
+
+def read_log(path: str | Path, *, maximum_rows: int = MAXIMUM_ROWS) -> Log:
     """Read a log.
 
     Args:
         path: the file.
+        maximum_rows: the most steps that are read, with 20 facts and signals each on average; the
+            default takes some GB of memory.
 
     Raises:
-        LogError: it can't be read, is no log, or has a newer format.
+        LogError: it can't be read, is no log, is damaged or too long, or has a newer format.
         MissingExtraError: pyarrow is not installed.
     """
-    arrow = _pyarrow()
-    place = Place(str(path))
+    arrow, place = _pyarrow(), Place(str(path))
+    most_bytes = maximum_rows * _MOST_BYTES
     try:
-        with Path(path).open("rb") as file:
-            table = _table(arrow, file, place)
+        with opened(Path(path), "log") as file:
+            content = file.read(most_bytes + 1)
+        _check_size("bytes", len(content), most_bytes)
+        _check_digest(content)
+        return _log(_parquet_file(arrow, content), maximum_rows)
     except OSError as error:
         raise LogError(f"the log can't be read: {error.strerror}", place=place) from None
-    about = _about(table.schema, place)
-    try:
-        episodes = tuple(_episodes(table.to_pylist()))
     except SfolError as error:
-        raise LogError(f"the log is damaged: {error.message}", place=place) from None
-    return Log(about["name"], about["hash"], about["sfol"], episodes)
-
-
-def _table(arrow: Any, file: BinaryIO, place: Place) -> pa.Table:
-    try:
-        return arrow.parquet.read_table(file)
-    except (arrow.ArrowException, OSError, ValueError):
-        raise LogError(
-            "this is no log, since it is no Parquet file",
-            suggestion="sfol.logs.LogWriter writes logs",
-            place=place,
-        ) from None
+        raise LogError(error.message, suggestion=error.suggestion, place=place) from None
 
 
 def _pyarrow() -> Any:
@@ -228,9 +256,15 @@ def _pyarrow() -> Any:
 def _schema(kb: KnowledgeBase) -> pa.Schema:
     import pyarrow as pa  # noqa: PLC0415
 
+    about = {"version": LOG_VERSION, "sfol": version("sfol"), "name": kb.name, "hash": kb.hash}
+    return pa.schema(_kinds(), metadata={_KEY: json.dumps(about)})
+
+
+def _kinds() -> dict[str, pa.DataType]:
+    import pyarrow as pa  # noqa: PLC0415
+
     text = pa.dictionary(pa.int32(), pa.string())
     fact = pa.struct([("atom", text), ("lower", pa.float64()), ("upper", pa.float64())])
-    about = {"version": LOG_VERSION, "sfol": version("sfol"), "name": kb.name, "hash": kb.hash}
     kinds = (
         pa.int32(),
         pa.int32(),
@@ -239,43 +273,206 @@ def _schema(kb: KnowledgeBase) -> pa.Schema:
         pa.map_(pa.string(), pa.float64()),
         text,
     )
-    columns = list(zip(_COLUMNS, kinds, strict=True))
-    return pa.schema(columns, metadata={_KEY: json.dumps(about)})
+    return dict(zip(_COLUMNS, kinds, strict=True))
 
 
-def _about(schema: pa.Schema, place: Place) -> dict[str, Any]:
-    """Return what the metadata say, if they are those of a log that can be read."""
-    text = (schema.metadata or {}).get(_KEY)
-    if text is None:
+@contextmanager
+def _writing(arrow: Any, path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    options = {"compression": "zstd", "write_page_checksum": True}
+    with arrow.parquet.ParquetWriter(path, schema, **options) as file:
+        yield file
+        file.add_key_value_metadata({_DIGEST_KEY: bytes(_DIGITS)})
+    content = path.read_bytes()
+    with path.open("r+b") as written:
+        written.seek(content.rindex(_MARK) + len(_MARK))
+        written.write(_digest(content))
+
+
+def _digest(content: bytes) -> bytes:
+    """Return the digest of a file without the digits of its own digest, which follow the mark."""
+    start = content.rindex(_MARK) + len(_MARK)
+    digest = hashlib.sha256(content[:start])
+    digest.update(content[start + _DIGITS :])
+    return digest.hexdigest().encode()
+
+
+def _number(name: str, value: object) -> float:
+    """Return a number of any type, such as numpy's, as Python's own."""
+    number = math.nan
+    if not isinstance(value, str | bytes):
+        with suppress(TypeError, ValueError, OverflowError):
+            number = float(value)  # type: ignore[arg-type]
+    if math.isnan(number):
+        raise SignalError(f"'{name}' is {value!r:.80}, which is no number", name=name)
+    return number
+
+
+# -- reading ------------------------------------------------------------------------------------
+
+
+class _About(BaseModel):
+    """What the metadata say of a log; those of every version have these keys."""
+
+    model_config = ConfigDict(strict=True)
+
+    version: int
+    sfol: str
+    name: str
+    hash: str
+
+
+def _check_digest(content: bytes) -> None:
+    """Check the bytes before anything reads them: pyarrow may crash on damaged metadata."""
+    if _MARK not in content:
+        return
+    start = content.rindex(_MARK) + len(_MARK)
+    if content[start : start + _DIGITS] != _digest(content):
+        raise LogError("the log is damaged: its digest is another one", suggestion=_DAMAGED)
+
+
+def _parquet_file(arrow: Any, content: bytes) -> pq.ParquetFile:
+    source = arrow.BufferReader(content)
+    try:
+        return arrow.parquet.ParquetFile(source, page_checksum_verification=True)
+    except _unreadable(arrow):
         raise LogError(
-            "this Parquet file is no log of sfol",
-            suggestion="sfol.logs.LogWriter writes logs",
-            place=place,
-        )
-    missing = sorted({*_COLUMNS} - {*schema.names})
-    if missing:
-        raise LogError(f"the log is damaged: it has no column '{missing[0]}'", place=place)
-    about: dict[str, Any] = json.loads(text)
-    if about["version"] > LOG_VERSION:
+            "this is no log, since it is no Parquet file, or a damaged one", suggestion=_WRITER
+        ) from None
+
+
+def _unreadable(arrow: Any) -> tuple[type[Exception], ...]:
+    """Return what pyarrow raises of a file that is damaged."""
+    return arrow.ArrowException, OSError, ValueError, MemoryError
+
+
+def _log(file: pq.ParquetFile, maximum_rows: int) -> Log:
+    about = _about(file.metadata.metadata or {})
+    _check_columns(file.schema_arrow)
+    _check_sizes(file.metadata, maximum_rows)
+    return Log(about.name, about.hash, about.sfol, tuple(_episodes(_checked(_rows(file)))))
+
+
+def _about(metadata: Mapping[bytes, bytes]) -> _About:
+    if _KEY not in metadata:
+        raise LogError("this Parquet file is no log of sfol", suggestion=_WRITER)
+    try:
+        about = _About.model_validate_json(metadata[_KEY])
+    except ValidationError as invalid:
+        keys = [str(error["loc"][0]) for error in invalid.errors() if error["loc"]]
+        wrong = f"'{keys[0]}' is missing or wrong in them" if keys else "they are no JSON"
+        raise LogError(f"the log's metadata are damaged: {wrong}", suggestion=_DAMAGED) from None
+    if about.version > LOG_VERSION:
         raise LogError(
-            f"the log has format {about['version']}, written by sfol {about['sfol']}; "
+            f"the log has format {about.version}, written by sfol {about.sfol}; "
             f"this one reads up to {LOG_VERSION}",
             suggestion="update sfol",
-            place=place,
         )
     return about
 
 
-def _episodes(rows: Iterable[Mapping[str, Any]]) -> Iterator[LoggedEpisode]:
-    for number, (_, group) in enumerate(groupby(rows, key=lambda row: row["episode"])):
-        found = list(group)
-        steps = tuple(
-            LoggedStep(row["time"], _facts(row["facts"]), dict(row["signals"])) for row in found
+def _check_columns(schema: pa.Schema) -> None:
+    for name, kind in _kinds().items():
+        found = [schema.field(index).type for index in schema.get_all_field_indices(name)]
+        if found != [kind]:
+            wrong = (
+                f"its column '{name}' has the type {found[0]}, not {kind}"
+                if len(found) == 1
+                else f"it has two columns '{name}'"
+                if found
+                else f"it has no column '{name}'"
+            )
+            raise LogError(f"the log is damaged: {wrong}", suggestion=_DAMAGED)
+
+
+def _check_sizes(metadata: pq.FileMetaData, maximum_rows: int) -> None:
+    """Check how much there is before any of it is read."""
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    longest = [max(g.column(i).num_values for i in range(g.num_columns)) for g in groups]
+    size = sum(group.total_byte_size for group in groups)
+    _check_size("rows", sum(group.num_rows for group in groups), maximum_rows)
+    _check_size("facts or signals", sum(longest), maximum_rows * _MOST_VALUES)
+    _check_size("bytes", size, maximum_rows * _MOST_BYTES)
+
+
+def _check_size(what: str, count: int, limit: int) -> None:
+    if count > limit:
+        raise LogError(
+            f"the log has more than {limit} {what}",
+            suggestion="record several logs, or read more with the maximum_rows of read_log",
         )
-        yield LoggedEpisode(number, found[-1]["ending"], steps)
 
 
-def _facts(entries: Iterable[Mapping[str, Any]]) -> Facts:
+def _rows(file: pq.ParquetFile) -> Iterator[_Row]:
+    """Yield the rows, of which those of one episode are in memory at a time."""
+    arrow, done = _pyarrow(), 0
+    for group in range(file.num_row_groups):
+        try:
+            table = file.read_row_group(group, columns=list(_COLUMNS))
+            table.validate(full=True)
+            rows = table.to_pylist()
+        except _unreadable(arrow):
+            raise LogError(f"the log is damaged from row {done} on", suggestion=_DAMAGED) from None
+        yield from rows
+        done += len(rows)
+
+
+def _checked(rows: Iterable[_Row]) -> Iterator[_Row]:
+    before: _Row | None = None
+    for number, row in enumerate(rows):
+        if problem := _problem(row, before):
+            raise _damaged(number, problem)
+        yield row
+        before = row
+
+
+def _problem(row: _Row, before: _Row | None) -> str | None:
+    """Return what is wrong with a row, its facts apart."""
+    missing = [name for name in _COLUMNS if row[name] is None and name != "ending"]
+    if missing:
+        return f"it has no {missing[0]}"
+    if math.isnan(row["time"]):
+        return "its time is NaN"
+    signals = dict(row["signals"])
+    if len(signals) < len(row["signals"]):
+        return "a signal stands twice"
+    for name, value in signals.items():
+        if value is None or math.isnan(value):
+            return f"its signal '{name}' is {value}"
+    if any(fact is None or None in fact.values() for fact in row["facts"]):
+        return "a fact has no atom or no bound"
+    return _disorder(row, before)
+
+
+def _disorder(row: _Row, before: _Row | None) -> str | None:
+    at = row["episode"], row["step"]
+    last, step = (before["episode"], before["step"]) if before else (-1, 0)
+    if at not in ((last, step + 1), (last + 1, 0)):
+        return f"it is step {at[1]} of episode {at[0]}, which is out of order"
+    if before and at[0] == last and row["ending"] != before["ending"]:
+        return "its ending is not that of the row before it"
+    return None
+
+
+def _damaged(number: int, problem: str) -> LogError:
+    return LogError(f"row {number} of the log is damaged: {problem}", suggestion=_DAMAGED)
+
+
+def _episodes(rows: Iterable[_Row]) -> Iterator[LoggedEpisode]:
+    for number, group in groupby(enumerate(rows), key=lambda row: row[1]["episode"]):
+        found = list(group)
+        steps = tuple(_step(*numbered) for numbered in found)
+        yield LoggedEpisode(number, found[0][1]["ending"], steps)
+
+
+def _step(number: int, row: _Row) -> LoggedStep:
+    try:
+        facts = _facts(row["facts"])
+    except SfolError as error:
+        raise _damaged(number, error.message) from None
+    return LoggedStep(row["time"], facts, dict(row["signals"]))
+
+
+def _facts(entries: Iterable[_Row]) -> Facts:
     facts = Facts()
     for entry in entries:
         atom = _atom(entry["atom"])

@@ -51,6 +51,16 @@ class Operator:
         lowers, uppers = zip(*bounds, strict=True)
         return Bound(self.combine(lowers), self.combine(uppers))
 
+    @property
+    def is_idempotent(self) -> bool:
+        """Whether a truth value taken twice is as good as once."""
+        return self.combine((0.5, 0.5)) == 0.5
+
+    @property
+    def can_grow(self) -> bool:
+        """Whether a further truth value can raise the result; no t-norm does that."""
+        return self.combine((0.5, 1.0)) > 0.5
+
 
 def _average(values: Sequence[float]) -> float:
     # fsum rounds once, so that the order of facts cannot change even the last digit

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import yaml
 
 from sfol.errors import FileError, Place
+from sfol.reading import text_of
 
-MAXIMUM_BYTES = 1_000_000
 MAXIMUM_DEPTH = 20
 MAXIMUM_VALUES = 50_000
 MAXIMUM_DIGITS = 400
@@ -26,6 +26,7 @@ Keys = tuple[str | int, ...]
 Scalar = str | int | float | bool | None
 
 _TAG = "tag:yaml.org,2002:"
+_TOO_MUCH = "the file has too many values, or is nested too deeply"
 
 # What would reach a terminal as a command, turn the direction of a line, or is no character:
 # controls but tab and line ends, marks of direction, halves of surrogate pairs.
@@ -69,10 +70,29 @@ _KINDS = {
 }
 
 
+class _TooMuch(Exception):  # noqa: N818  (told in words of ours)
+    """A file passes a limit while it is parsed."""
+
+
 class _Loader(yaml.SafeLoader):
-    """PyYAML's parser with the scalars of YAML 1.2 instead of 1.1."""
+    """PyYAML's parser with the scalars of YAML 1.2 instead of 1.1, and an end to what it reads."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012  (as PyYAML declares it)
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._nodes = self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._nodes += 1
+        self._depth += 1
+        if (
+            self._nodes > 2 * MAXIMUM_VALUES or self._depth > MAXIMUM_DEPTH + 1
+        ):  # keys are nodes too
+            raise _TooMuch
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 for _name, _kind in _KINDS.items():
@@ -180,7 +200,7 @@ def read(path: Path) -> Document:
     Raises:
         FileError: it can't be read, is no YAML, or passes a limit.
     """
-    return parse(_text_of(path), str(path))
+    return parse(text_of(path), str(path))
 
 
 def parse(text: str, file: str) -> Document:
@@ -193,12 +213,7 @@ def parse(text: str, file: str) -> Document:
     Raises:
         FileError: it is no YAML, or passes a limit.
     """
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise _broken(file, error) from None
-    except RecursionError:
-        raise FileError("the file is nested too deeply", place=Place(file)) from None
+    node = _composed(text, file)
     if not isinstance(node, yaml.MappingNode):
         raise FileError(
             "the file is not a mapping of keys to values",
@@ -209,32 +224,25 @@ def parse(text: str, file: str) -> Document:
     return Document(file, _Builder(file, text).build(node, places, depth=0), places)
 
 
-def _text_of(path: Path) -> str:
-    place = Place(str(path))
+def _composed(text: str, file: str) -> yaml.Node | None:
     try:
-        if path.exists() and not path.is_file():
-            raise FileError(
-                "the file can't be read: it is not a regular file", name=path.name, place=place
-            )
-        with path.open("rb") as stream:  # a file that grows meanwhile is not read to its end
-            content = stream.read(MAXIMUM_BYTES + 1)
-        if len(content) > MAXIMUM_BYTES:
-            raise FileError(
-                f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
-            )
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise FileError(f"the file can't be read: {reason}", name=path.name, place=place) from None
-
-
-def _broken(file: str, error: yaml.YAMLError) -> FileError:
-    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-    place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
-    return FileError(f"this is not YAML: {problem}", place=place)
+        loader = _Loader(text)
+    except yaml.reader.ReaderError as error:
+        lines = text[: error.position].splitlines(keepends=True) or [""]
+        raise FileError(
+            f"this is not YAML: it has the character {text[error.position]!a}",
+            place=Place(file, len(lines), len(lines[-1]) + 1),
+        ) from None
+    try:
+        return loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark or loader.get_mark()
+        problem = f"this is not YAML: {error.problem}"
+    except (ValueError, OverflowError):  # PyYAML makes a character of any number
+        mark, problem = loader.get_mark(), "this is not YAML: there is no such character"
+    except (_TooMuch, RecursionError):
+        mark, problem = loader.get_mark(), _TOO_MUCH
+    raise FileError(problem, place=Place(file, mark.line + 1, mark.column + 1))
 
 
 class _Builder:
@@ -249,10 +257,12 @@ class _Builder:
         self._count += 1
         if self._count > MAXIMUM_VALUES or depth > MAXIMUM_DEPTH:
             # Also the end of alias bombs and of anchors that contain themselves.
-            raise self._error(node, "the file has too many values, or is nested too deeply")
+            raise self._error(node, _TOO_MUCH)
         if isinstance(node, yaml.MappingNode):
+            self._check_tag(node, "map")
             return self._mapping(node, places, depth)
         if isinstance(node, yaml.SequenceNode):
+            self._check_tag(node, "seq")
             return [
                 self._noted(index, child, child.start_mark, places, depth)
                 for index, child in enumerate(node.value)
@@ -271,6 +281,7 @@ class _Builder:
         for key_node, child in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise self._error(key_node, "a key must be a name")
+            self._scalar(key_node)
             key = self._text(key_node, _NEVER_IN_A_KEY)
             if key in data:
                 raise self._error(key_node, f"the key '{key}' stands twice", key)
@@ -282,7 +293,7 @@ class _Builder:
             return self._text(node)
         kind = _KINDS.get(node.tag.removeprefix(_TAG))
         if kind is None:
-            raise self._error(node, f"values of the kind '{node.tag}' are not allowed", node.value)
+            raise self._kind_error(node)
         if len(node.value) > MAXIMUM_DIGITS or not kind.text.fullmatch(node.value):
             raise self._error(node, f"'{node.value[:40]}' is not a value of this kind")
         return kind.value(node.value)
@@ -293,6 +304,13 @@ class _Builder:
         if found:
             raise self._error(node, f"a text can't have the character {found.group()!a}")
         return text
+
+    def _check_tag(self, node: yaml.Node, kind: str) -> None:
+        if node.tag != _TAG + kind:
+            raise self._kind_error(node)
+
+    def _kind_error(self, node: yaml.Node) -> FileError:
+        return self._error(node, f"values of the kind '{node.tag}' are not allowed", node.tag)
 
     def _error(self, node: yaml.Node, message: str, name: str | None = None) -> FileError:
         mark = node.start_mark

@@ -11,9 +11,10 @@ from rich.table import Table
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
-from sfol.cli.output import stdout
+from sfol.cli.output import line, print_file, stdout
 from sfol.knowledge_base import KnowledgeBase
 from sfol.tools.bench import measure
+from sfol.tools.texts import visible
 
 
 @app.command()
@@ -39,20 +40,20 @@ def bench(
             kb, quick=quick, progress=lambda stage: status.update(f"measuring: {stage}")
         )
     if as_json:
-        print(json.dumps(figures, indent=2))
+        print_file(json.dumps(figures, indent=2) + "\n")
     else:
         _print_tables(stdout(), figures)
 
 
 def _print_tables(console: Console, figures: dict[str, Any]) -> None:
-    console.print(f"scene: {figures['scene']}; repeated: {figures['repeated']}")
+    line(console, f"scene: {visible(figures['scene'])}; repeated: {figures['repeated']}")
     console.print(_table("one call, by how often it is repeated", figures["single"]))
     console.print(_table("batches, by number of scenes", figures["batch"]))
     names = ("import", "gradient", "pyreason_start", "pyreason_start_compared")
     flat = {name: figures[name] for name in names if figures.get(name)}
     for name, numbers in flat.items():
         shown = ", ".join(f"{key} {value:g}" for key, value in numbers.items())
-        console.print(f"{name}: {shown}")
+        line(console, f"{name}: {shown}")
 
 
 def _table(title: str, rows: dict[str, dict[str, float]]) -> Table:

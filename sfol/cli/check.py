@@ -9,9 +9,10 @@ from pydantic import BaseModel
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Sources, files
-from sfol.cli.output import escaped, print_errors, singles, stdout
+from sfol.cli.output import line, print_errors, singles, stdout
 from sfol.errors import SfolError
 from sfol.knowledge_base import KnowledgeBase
+from sfol.tools.texts import visible
 
 
 @app.command()
@@ -32,11 +33,12 @@ def check(sources: Sources) -> None:
             print_errors(error, but=shown)
             shown |= {str(single) for single in singles(error)}
             continue
-        console.print(
-            f"{escaped(path)}: [green]valid[/] "
-            f"({len(kb.predicates)} predicates, {len(kb.rules)} rules, {len(kb.weights)} weights, "
+        line(
+            console,
+            f"{visible(path)}: ",
+            ("valid", "green"),
+            f" ({len(kb.predicates)} predicates, {len(kb.rules)} rules, {len(kb.weights)} weights, "
             f"{len(kb.terms)} terms, {len(kb.tests)} tests)",
-            soft_wrap=True,
         )
     if shown:
         raise typer.Exit(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
@@ -15,7 +16,7 @@ from rich.table import Table
 
 from sfol.cli.app import app
 from sfol.cli.inputs import LogFile, path_or_name
-from sfol.cli.output import escaped, note_unknown, print_errors, stdout
+from sfol.cli.output import line, note_unknown, print_errors, print_file, stdout
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, read_log
@@ -23,6 +24,7 @@ from sfol.reward import RewardFunction
 from sfol.tools.committed import committed
 from sfol.tools.diff import Change, LogDifference, MovedStep, compare, compare_log
 from sfol.tools.replay import known
+from sfol.tools.texts import visible
 
 _MARKS = {"added": ("+", "green"), "removed": ("-", "red"), "changed": ("~", "yellow")}
 _SECONDS = 0.5
@@ -81,7 +83,7 @@ def _pair(source: str, other: str | None) -> tuple[KnowledgeBase, KnowledgeBase]
     if other is not None:
         first, second = (KnowledgeBase.load(path_or_name(name)) for name in (source, other))
         return first, second
-    if not Path(source).is_file():
+    if not os.path.isfile(source):
         raise UsageError(
             f"'{source}' is no file, so it has no last commit",
             name=source,
@@ -113,7 +115,14 @@ def _wait_for_change(files: Iterable[str]) -> None:
 
 
 def _stamps(files: Iterable[str]) -> dict[str, int | None]:
-    return {f: Path(f).stat().st_mtime_ns if Path(f).exists() else None for f in files}
+    return {file: _stamp(file) for file in files}
+
+
+def _stamp(file: str) -> int | None:
+    try:
+        return os.stat(file).st_mtime_ns
+    except (OSError, ValueError):  # a bundled name, or a file that is just being replaced
+        return None
 
 
 # -- output -------------------------------------------------------------------------------------
@@ -123,14 +132,14 @@ def _print_json(changes: Sequence[Change], difference: LogDifference | None) -> 
     data: dict[str, object] = {"changes": [change.to_dict() for change in changes]}
     if difference is not None:
         data["log"] = difference.to_dict()
-    print(json.dumps(data, indent=2, ensure_ascii=False))
+    print_file(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
 
 
 def _print_changes(console: Console, changes: Sequence[Change]) -> None:
     if not changes:
         console.print("no difference")
     for section, group in groupby(changes, key=lambda change: change.section):
-        console.print(f"[bold]{section}[/]")
+        line(console, (section, "bold"))
         for change in group:
             _print_change(console, change)
 
@@ -141,14 +150,14 @@ def _print_change(console: Console, change: Change) -> None:
     alone = parts.get("", "")
     head = f"{change.name}: " if change.name and alone else change.name
     if change.kind != "changed":
-        console.print(f"  [{colour}]{mark} {escaped(head)}{escaped(alone)}[/]", soft_wrap=True)
+        line(console, "  ", (f"{mark} {visible(head)}{visible(alone)}", colour))
         return
-    console.print(f"  [{colour}]{mark} {escaped(change.name or change.section)}[/]", soft_wrap=True)
+    line(console, "  ", (f"{mark} {visible(change.name or change.section)}", colour))
     for part in parts:
-        old = escaped(change.before.get(part, "nothing"))
-        new = escaped(change.after.get(part, "nothing"))
-        label = f"{escaped(part)}: " if part else ""
-        console.print(f"      {label}[red]{old}[/] → [green]{new}[/]", soft_wrap=True)
+        old = visible(change.before.get(part, "nothing"))
+        new = visible(change.after.get(part, "nothing"))
+        label = f"{visible(part)}: " if part else ""
+        line(console, f"      {label}", (old, "red"), " → ", (new, "green"))
 
 
 def _print_log(
@@ -161,9 +170,10 @@ def _print_log(
     for kb in kbs:
         note_unknown(log, kb)
     moved = difference.moved
-    console.print(
-        f"\n[bold]{len(moved)} of {difference.steps} steps moved[/] "
-        f"in {len(difference.before)} episodes"
+    line(
+        console,
+        (f"\n{len(moved)} of {difference.steps} steps moved", "bold"),
+        f" in {len(difference.before)} episodes",
     )
     if not moved:
         return
@@ -174,11 +184,12 @@ def _print_log(
     step = log.episodes[worst.episode].steps[worst.step]
     for kb, title in zip(kbs, ("before", "after"), strict=True):
         facts, signals = known(step, kb)
-        console.print(
-            f"\n[bold]The worst step {title}[/]: episode {worst.episode}, step {worst.step}, "
-            f"under '{escaped(kb.name)}'"
+        line(
+            console,
+            (f"\nThe worst step {title}", "bold"),
+            f": episode {worst.episode}, step {worst.step}, under '{visible(kb.name)}'",
         )
-        console.print(RewardFunction(kb).explain(facts, **signals))
+        stdout(markup=True).print(RewardFunction(kb).explain(facts, **signals))
 
 
 def _movements(difference: LogDifference) -> Table:
@@ -186,7 +197,7 @@ def _movements(difference: LogDifference) -> Table:
     for column in ("steps", "most"):
         table.add_column(column, justify="right")
     for name, (steps, most) in difference.movements.items():
-        table.add_row(escaped(name), str(steps), f"{most:+.4g}")
+        table.add_row(visible(name), str(steps), f"{most:+.4g}")
     return table
 
 
@@ -198,7 +209,7 @@ def _returns(difference: LogDifference) -> Table:
     for old, new in sorted(pairs, key=lambda pair: -abs(pair[1].value - pair[0].value)):
         table.add_row(
             str(old.episode.number),
-            escaped(old.episode.ending or "–"),
+            visible(old.episode.ending or "–"),
             f"{old.value:.4g}",
             f"{new.value:.4g}",
             f"{new.value - old.value:+.4g}",
@@ -214,6 +225,9 @@ def _steps(moved: Sequence[MovedStep]) -> Table:
     for step in moved:
         moves = [f"{name} {old:.4g} → {new:.4g}" for name, (old, new) in step.moves.items()]
         table.add_row(
-            str(step.episode), str(step.step), f"{step.time:.2f}", escaped("\n".join(moves))
+            str(step.episode),
+            str(step.step),
+            f"{step.time:.2f}",
+            "\n".join(map(visible, moves)),
         )
     return table

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name, signals, text_argument
-from sfol.cli.output import stdout
-from sfol.errors import UsageError, did_you_mean
+from sfol.cli.output import print_file, stdout
+from sfol.errors import ClauseError, Place, UsageError, did_you_mean
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
@@ -41,17 +42,28 @@ def explain(  # noqa: PLR0913, PLR0917  (each is an option of the command line)
     chosen = _case(reward.kb, case) if case is not None else None
     text = [] if chosen is None else chosen.facts
     texts = [text] if isinstance(text, str) else list(text)
-    scene = Facts.parse([*texts, text_argument(facts)], margin=reward.kb.grounding.margin)
+    scene = _scene([*texts, text_argument(facts)], facts, reward.kb.grounding.margin)
     values = {**(chosen.signals if chosen else {}), **signals(signal or [])}
     explanation = reward.explain(scene, **values)
     if depth is not None:
         explanation = explanation.cut(depth)
     if as_json:
-        print(json.dumps(explanation.to_dict(), indent=2))
+        print_file(json.dumps(explanation.to_dict(), indent=2) + "\n")
     elif sys.stdout.isatty():
-        stdout().print(explanation)
+        stdout(markup=True).print(explanation)
     else:
         print(explanation)
+
+
+def _scene(texts: Sequence[str], argument: str, margin: float) -> Facts:
+    try:
+        return Facts.parse(texts, margin=margin)
+    except ClauseError as error:  # of the argument: a test's facts were checked with its file
+        if not argument.startswith("@"):
+            raise
+        before = texts[-1][: error.offset]
+        column = error.offset - before.rfind("\n")
+        raise error.at(Place(argument[1:], before.count("\n") + 1, column)) from None
 
 
 def _case(kb: KnowledgeBase, name: str) -> Case:

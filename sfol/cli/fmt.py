@@ -12,10 +12,11 @@ from rich.console import Console
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Sources, files
-from sfol.cli.output import escaped, print_errors, stdout
+from sfol.cli.output import line, print_errors, stdout
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.formatting import format_file
+from sfol.tools.texts import visible
 from sfol.writing import replacing
 
 _COLOURS = {"+": "green", "-": "red", "@": "cyan"}
@@ -53,11 +54,11 @@ def fmt(
         if diff:
             _print_diff(console, path, old, new)
         if check or diff:
-            console.print(f"{escaped(path)}: would be formatted", soft_wrap=True)
+            line(console, f"{visible(path)}: would be formatted")
             continue
         with replacing(path, follow_link=True) as part:
             part.write_bytes(new.encode())
-        console.print(f"{escaped(path)}: formatted", soft_wrap=True)
+        line(console, f"{visible(path)}: formatted")
     if broken:
         raise typer.Exit(2)
     if changed and (check or diff):
@@ -81,9 +82,8 @@ def _formatted(path: Path) -> tuple[str, str]:
 
 
 def _print_diff(console: Console, path: Path, old: str, new: str) -> None:
-    lines = difflib.unified_diff(
+    changes = difflib.unified_diff(
         old.splitlines(), new.splitlines(), str(path), f"{path} formatted", lineterm=""
     )
-    for line in lines:
-        colour = _COLOURS.get(line[:1], "default")
-        console.print(f"[{colour}]{escaped(line)}[/]", soft_wrap=True)
+    for change in changes:
+        line(console, (visible(change), _COLOURS.get(change[:1], "default")))

@@ -9,6 +9,7 @@ import typer
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
+from sfol.cli.output import print_file
 from sfol.knowledge_base import KnowledgeBase
 from sfol.tools.graph import mermaid, svg
 
@@ -34,4 +35,4 @@ def graph(
 
     Example: `sfol graph aeb --format svg > aeb.svg`
     """
-    print(_DRAW[format](KnowledgeBase.load(path_or_name(source))), end="")
+    print_file(_DRAW[format](KnowledgeBase.load(path_or_name(source))))

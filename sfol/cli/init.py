@@ -11,8 +11,9 @@ import yaml
 
 from sfol.cli.app import app
 from sfol.cli.inputs import SUFFIXES
-from sfol.cli.output import escaped, stdout
+from sfol.cli.output import line, stdout
 from sfol.errors import UsageError
+from sfol.tools.texts import visible
 from sfol.writing import replacing
 
 
@@ -35,4 +36,4 @@ def init(
     name = yaml.safe_dump({"name": file.stem}, allow_unicode=True)
     with replacing(file) as part:
         part.write_text(text.replace("name: starter\n", name, 1), encoding="utf-8")
-    stdout().print(f"{escaped(file)}: written. Next: sfol test {escaped(file)}", soft_wrap=True)
+    line(stdout(), f"{visible(file)}: written. Next: sfol test {visible(file)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +10,7 @@ from typing import Annotated
 import typer
 
 from sfol.errors import UsageError
+from sfol.reading import text_of
 
 Source = Annotated[str, typer.Argument(help="A file, or a bundled name.", metavar="FILE")]
 Sources = Annotated[
@@ -28,11 +30,10 @@ def files(sources: Sequence[str]) -> Iterator[str | Path]:
         UsageError: there is none in a folder.
     """
     for source in sources:
-        folder = Path(source)
-        if not folder.is_dir():
+        if not os.path.isdir(source):  # unlike Path's, it takes any text
             yield path_or_name(source)
             continue
-        found = sorted(p for p in folder.rglob("*") if p.suffix in SUFFIXES)
+        found = sorted(p for p in Path(source).rglob("*") if p.suffix in SUFFIXES)
         if not found:
             raise UsageError(f"no knowledge base below '{source}'", name=source)
         yield from found
@@ -40,21 +41,16 @@ def files(sources: Sequence[str]) -> Iterator[str | Path]:
 
 def path_or_name(source: str) -> str | Path:
     """Return a file as a path, and anything else as the name of a bundled knowledge base."""
-    return Path(source) if Path(source).is_file() else source
+    return Path(source) if os.path.isfile(source) else source
 
 
 def text_argument(text: str) -> str:
     """Return a text, or the content of the file that ``@FILE`` names.
 
     Raises:
-        UsageError: the file can't be read.
+        FileError: the file can't be read.
     """
-    if not text.startswith("@"):
-        return text
-    try:
-        return Path(text[1:]).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"'{text[1:]}' can't be read: {error}", name=text[1:]) from None
+    return text_of(Path(text[1:])) if text.startswith("@") else text
 
 
 def signals(arguments: Sequence[str]) -> dict[str, float]:

@@ -11,12 +11,14 @@ from rich.console import Console
 
 from sfol.cli.app import app
 from sfol.cli.inputs import LogFile, Sources, files
-from sfol.cli.output import escaped, note_unknown, stdout
+from sfol.cli.output import line, note_unknown, stdout
+from sfol.errors import UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import read_log
 from sfol.tools.lint import DOMINANT, Finding, lint_episodes, located
 from sfol.tools.lint import lint as findings_of
 from sfol.tools.replay import replay
+from sfol.tools.texts import visible
 
 # Of the logs that the bundled street writes; other environments name their own with --endings.
 _ENDINGS = ("collision", "timeout", "success")
@@ -38,9 +40,11 @@ def lint(
 
     SF001 a rule that can never fire · SF002 an atom and its negation in one body · SF003 a
     predicate that nothing reads · SF004 a weight that names a head without a rule · SF005 a rule
-    that holds only where another one does · SF006 averages over several groundings (info) · and
-    on the recorded episodes of a log: SF007 one term is nearly all of the reward · SF008 worse
-    endings return more than better ones.
+    that holds only where another one does · SF006 averages over several groundings (info) ·
+    SF009 rules that were not compared for SF005, as that takes too long (info) · SF010 a weight
+    that no term uses · SF011 a signal that no formula reads · SF013 a comment that ignores what
+    is no code · and on the recorded episodes of a log: SF007 one term is nearly all of the reward ·
+    SF008 worse endings return more than better ones · SF012 endings that `--endings` does not name.
 
     A comment `# sfol: ignore SF003` on the line of a finding, or above it, hides it.
 
@@ -49,6 +53,12 @@ def lint(
     console = stdout()
     recorded = read_log(log) if log else None
     order = [ending.strip() for ending in endings.split("<")]
+    if "" in order or len({*order}) < len(order):
+        raise UsageError(
+            f"'{endings}' is no order of endings",
+            name=endings,
+            suggestion="written like 'collision < timeout < success'",
+        )
     warnings = 0
     for path in files(sources):
         kb = KnowledgeBase.load(path)
@@ -66,10 +76,11 @@ def lint(
 
 def _print(console: Console, path: str | Path, findings: Sequence[Finding]) -> None:
     for finding in findings:
-        console.print(
-            f"{escaped(finding.place or path)}: [{_COLOURS[finding.level]}]{finding.code}[/] "
-            f"{escaped(finding.message)} — {escaped(finding.suggestion)}",
-            soft_wrap=True,
+        line(
+            console,
+            f"{visible(finding.place or path)}: ",
+            (finding.code, _COLOURS[finding.level]),
+            f" {visible(finding.message)} — {visible(finding.suggestion)}",
         )
     if not findings:
-        console.print(f"{escaped(path)}: [green]nothing found[/]", soft_wrap=True)
+        line(console, f"{visible(path)}: ", ("nothing found", "green"))

@@ -7,17 +7,41 @@ import sys
 from collections.abc import Callable, Collection
 
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from sfol.errors import InvalidKnowledgeBase, SfolError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log
 from sfol.tools.replay import unknown_names
+from sfol.tools.texts import visible
+
+# A text as it stands, or with a style.
+Part = str | tuple[str, str]
 
 
-def stdout() -> Console:
-    """Return a console for standard output; colours stand only where the program asks for them."""
-    return Console(highlight=False)
+def stdout(*, markup: bool = False) -> Console:
+    """Return a console for standard output; colours stand only where the program asks for them.
+
+    Args:
+        markup: whether texts in brackets are styles, as in renderables that sfol itself makes.
+    """
+    return Console(highlight=False, markup=markup, emoji=False)
+
+
+def _stderr() -> Console:
+    return Console(stderr=True, highlight=False, markup=False, emoji=False)
+
+
+def line(console: Console, *parts: Part) -> None:
+    """Print a line of texts, however long, some of them with a style such as ``green``."""
+    console.print(Text.assemble(*parts), soft_wrap=True)
+
+
+def print_file(text: str) -> None:
+    """Print what is the content of a file, in UTF-8 like every file, unless it goes to a screen."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and not sys.stdout.isatty():
+        sys.stdout.reconfigure(encoding="utf-8")
+    print(text, end="")
 
 
 def singles(error: SfolError) -> tuple[SfolError, ...]:
@@ -49,13 +73,13 @@ def print_errors(error: SfolError, *, but: Collection[str] = ()) -> None:
         error: what went wrong.
         but: texts of errors that were shown already.
     """
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = _stderr()
     for single in singles(error):
         if str(single) in but:
             continue
-        place = f"{escaped(single.place)}: " if single.place else ""
-        hint = f" — {escaped(single.suggestion)}" if single.suggestion else ""
-        console.print(f"{place}[red]error:[/] {escaped(single.message)}{hint}")
+        place = f"{visible(single.place)}: " if single.place else ""
+        hint = f" — {visible(single.suggestion)}" if single.suggestion else ""
+        line(console, place, ("error:", "red"), f" {visible(single.message)}{hint}")
 
 
 def note_unknown(log: Log, kb: KnowledgeBase) -> None:
@@ -67,11 +91,4 @@ def note_unknown(log: Log, kb: KnowledgeBase) -> None:
 
 def note(text: str) -> None:
     """Say something on standard error that is no error."""
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
-    console.print(f"[yellow]note:[/] {escaped(text)}")
-
-
-def escaped(text: object) -> str:
-    """Return a text as it is printed: no markup, and no control characters but line ends."""
-    visible = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in str(text))
-    return escape("".join(visible))
+    line(_stderr(), ("note:", "yellow"), f" {visible(text)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sfol.cli.app import app
+from sfol.cli.output import print_file
 from sfol.knowledge_base.schema import schema_text
 
 
@@ -15,4 +16,4 @@ def schema() -> None:
 
     Example: `sfol schema > knowledge_base.schema.json`
     """
-    print(schema_text(), end="")
+    print_file(schema_text())

@@ -8,7 +8,7 @@ import typer
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name
-from sfol.cli.output import stdout
+from sfol.cli.output import print_file, stdout
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.printing import to_yaml
 from sfol.knowledge_base.tables_view import summary_table
@@ -27,6 +27,6 @@ def show(
     """
     kb = KnowledgeBase.load(path_or_name(source))
     if as_yaml:
-        print(to_yaml(kb), end="")
+        print_file(to_yaml(kb))
     else:
-        stdout().print(summary_table(kb))
+        stdout(markup=True).print(summary_table(kb))

@@ -7,12 +7,14 @@ from pathlib import Path
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Sources, files
-from sfol.cli.output import escaped, stdout
+from sfol.cli.output import line, stdout
 from sfol.knowledge_base import KnowledgeBase
 from sfol.testing.cases import TestReport, run_tests
+from sfol.tools.texts import visible
 
 
 @app.command()
@@ -38,16 +40,16 @@ def _print_report(
     console: Console, path: str | Path, kb: KnowledgeBase, report: TestReport
 ) -> None:
     for result in report.results:
-        mark = "[green]PASS[/]" if result.passed else "[red]FAIL[/]"
-        console.print(f"{mark} {escaped(result.name)}")
-        for line in result.differences:
-            console.print(f"     {escaped(line)}")
+        mark = ("PASS", "green") if result.passed else ("FAIL", "red")
+        line(console, mark, f" {visible(result.name)}")
+        for difference in result.differences:
+            line(console, f"     {visible(difference)}")
     failed = sum(not result.passed for result in report.results)
     share = report.covered / len(kb.rules) if kb.rules else 1.0
     table = Table("rule", "tests", title=f"rule coverage {share:.0%}", title_justify="left")
     for rule, count in report.coverage.items():
-        table.add_row(escaped(rule), str(count) if count else "[red]0[/]")
+        table.add_row(visible(rule), str(count) if count else Text("0", "red"))
     if report.results:
         console.print(table)
     passed = len(report.results) - failed
-    console.print(f"{escaped(path)}: {passed} passed, {failed} failed\n")
+    line(console, f"{visible(path)}: {passed} passed, {failed} failed\n")

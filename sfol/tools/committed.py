@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import tempfile
 from pathlib import Path
 
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
+
+# What `extends` can name. A name from a commit is joined to a folder only if it is one of these.
+_BASE = re.compile(r"[a-z0-9_]+\.yaml")
+# A repository that lacks objects names programs that fetch them; none of them is run.
+_FETCHES_NOTHING = {"GIT_NO_LAZY_FETCH": "1", "GIT_ALLOW_PROTOCOL": "none"}
 
 
 def committed(path: Path) -> KnowledgeBase:
@@ -23,20 +30,20 @@ def committed(path: Path) -> KnowledgeBase:
         UsageError: git is not installed, the file is in no repository, or not in the last commit.
         SfolError: the committed file has errors.
     """
-    folder = path.resolve().parent
-    names = _git(folder, "ls-tree", "-z", "--name-only", "HEAD", "./").decode().split("\0")
-    if path.name not in names:
+    file = path.resolve()
+    objects = _objects(file.parent)
+    if file.name not in objects:
         raise UsageError(
             f"'{path}' is not in the last commit",
             name=str(path),
             suggestion="name two knowledge bases to compare",
         )
     with tempfile.TemporaryDirectory() as copy:
-        for name in names:
-            if name.endswith((".yaml", ".yml")):
-                (Path(copy) / name).write_bytes(_git(folder, "show", f"HEAD:./{name}"))
+        for name, digest in objects.items():
+            if name == file.name or _BASE.fullmatch(name):
+                Path(copy, name).write_bytes(_git(file.parent, "cat-file", "blob", digest))
         try:
-            return KnowledgeBase.load(Path(copy) / path.name)
+            return KnowledgeBase.load(Path(copy, file.name))
         except SfolError as error:
             raise SfolError(
                 f"the committed version of '{path}' is not valid: {error.message}",
@@ -45,10 +52,20 @@ def committed(path: Path) -> KnowledgeBase:
             ) from None
 
 
+def _objects(folder: Path) -> dict[str, str]:
+    """Return name → object of every regular file that the last commit has in a folder."""
+    lines = os.fsdecode(_git(folder, "ls-tree", "-z", "HEAD", "./")).split("\0")
+    entries = (line.partition("\t") for line in lines if line.startswith("100"))
+    return {name: about.split()[2] for about, _, name in entries}
+
+
 def _git(folder: Path, *arguments: str) -> bytes:
     try:
         done = subprocess.run(
-            ["git", "-C", str(folder), *arguments], capture_output=True, check=False
+            ["git", "-C", str(folder), *arguments],
+            capture_output=True,
+            check=False,
+            env={**os.environ, **_FETCHES_NOTHING},
         )
     except OSError:
         raise UsageError(

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
-from xml.sax.saxutils import escape
+from xml.sax import saxutils
 
 from sfol.knowledge_base import KnowledgeBase
 from sfol.literals import Negated
+from sfol.tools.texts import visible
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -33,6 +34,7 @@ class GraphNode(NamedTuple):
     name: str
 
 
+_PLAIN = " _-.,:+/()"  # stands for itself in a text of Mermaid's
 # kind → Mermaid's brackets, and the fill colour of both drawings
 _SHAPES: Mapping[str, tuple[str, str, str]] = {
     "predicate": ("[", "]", "#eef2f7"),
@@ -98,7 +100,10 @@ def mermaid(kb: KnowledgeBase) -> str:
 
 
 def _quoted(name: str) -> str:
-    return " ".join(name.split()).replace('"', "#quot;")  # Mermaid's own escape
+    """Return a name as Mermaid's text: it reads quotes, #, markup and Markdown, as ``#code;``."""
+    return "".join(
+        c if c.isalnum() or c in _PLAIN else f"#{ord(c)};" for c in " ".join(visible(name).split())
+    )
 
 
 # -- SVG ----------------------------------------------------------------------------------------
@@ -142,7 +147,7 @@ def svg(kb: KnowledgeBase) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}" '
             f'width="{layout.width:.0f}" height="{layout.height:.0f}" '
             'font-family="sans-serif" font-size="12">',
-            f"<title>{escape(kb.name)}: predicates, rules, heads, weights, terms</title>",
+            f"<title>{_xml(kb.name)}: predicates, rules, heads, weights, terms</title>",
             *(
                 _line(paths[source, target], layout, negated=data.get("negated", False))
                 for source, target, data in graph.edges(data=True)
@@ -235,19 +240,23 @@ def _laid_out(layers: _Layers) -> _Layout:
 
 
 def _width(place: _Place) -> float:
-    return len(place.name) * _CHARACTER + 20 if isinstance(place, GraphNode) else 0.0
+    return len(visible(place.name)) * _CHARACTER + 20 if isinstance(place, GraphNode) else 0.0
 
 
 def _box(node: GraphNode, layout: _Layout) -> str:
     left, right, middle = layout.lefts[node], layout.rights[node], layout.middles[node]
     radius = _HEIGHT / 2 if node.kind == "rule" else 4
     return (
-        f'<g><title>{node.kind} {escape(node.name)}</title><rect x="{left:.1f}" '
+        f'<g><title>{node.kind} {_xml(node.name)}</title><rect x="{left:.1f}" '
         f'y="{middle - _HEIGHT / 2:.1f}" width="{right - left:.1f}" height="{_HEIGHT}" '
         f'rx="{radius}" fill="{_SHAPES[node.kind][2]}" stroke="#888"/>'
         f'<text x="{(left + right) / 2:.1f}" y="{middle + 4:.1f}" text-anchor="middle" '
-        f'fill="#222">{escape(node.name)}</text></g>'
+        f'fill="#222">{_xml(node.name)}</text></g>'
     )
+
+
+def _xml(name: str) -> str:
+    return saxutils.escape(visible(name))
 
 
 def _line(path: _Path, layout: _Layout, *, negated: bool) -> str:

@@ -1,8 +1,9 @@
 """Finds what is allowed in a knowledge base, but most likely not meant.
 
 Every kind of finding has a code that stays. A comment ``# sfol: ignore SF003`` on the line of a
-finding, or alone on the line above, hides it; without a code it hides all. What is odd in a file
-that another one extends is found where that file is linted, and not again.
+finding, or alone on the line above, hides it; without a code it hides all. After a colon it may say
+why. What is odd in a file that another one extends is found where that file is linted, and not
+again.
 
 | code | level | finds |
 | --- | --- | --- |
@@ -14,14 +15,20 @@ that another one extends is found where that file is linted, and not again.
 | SF006 | info | averages over several groundings, which more facts can lower |
 | SF007 | warning | recorded episodes: one term is nearly all of the reward |
 | SF008 | warning | recorded episodes: returns are not in the order of their endings |
+| SF009 | info | rules that were not compared for SF005, as that takes too long |
+| SF010 | warning | a weight that no term uses |
+| SF011 | warning | a signal that no formula reads |
+| SF012 | warning | recorded episodes: endings that have no place in the order |
+| SF013 | warning | a comment that ignores something that is no code |
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 from statistics import fmean
 from typing import Literal as Choice
@@ -29,15 +36,20 @@ from typing import Literal as Choice
 from sfol.clauses import Body
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.parts import dependencies
 from sfol.knowledge_base.positions import Keys, entries
-from sfol.literals import Literal, Negated, Positive
+from sfol.literals import Negated, Positive
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
+from sfol.reading import text_of
 from sfol.syntax import Atom, variables
 from sfol.tools.replay import ReplayedEpisode
+from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_OF_EPISODES = ("SF007", "SF008")
-_IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<codes>[\sA-Z0-9,]*)")
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 14))
+_OF_EPISODES = ("SF007", "SF008", "SF012")
+_IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -68,6 +80,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _contradicts,
         _unused,
         _without_rule,
+        _without_use,
         _subsumed,
         _not_monotone,
     )
@@ -90,7 +103,11 @@ def lint_episodes(
             Knox et al., "Reward (Mis)design for Autonomous Driving", arXiv 2104.13906.
         dominant: the share of all reward from which one term is too much.
     """
-    return (*_dominates(kb, episodes, dominant), *_misordered(episodes, endings))
+    return (
+        *_dominates(kb, episodes, dominant),
+        *_misordered(episodes, endings),
+        *_without_place(episodes, endings),
+    )
 
 
 # -- rules --------------------------------------------------------------------------------------
@@ -98,47 +115,39 @@ def lint_episodes(
 
 def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
     """SF001; a head that nobody declares and whose rules never fire is never known itself."""
+    rules_of: dict[str, list[Rule]] = {}
+    for rule in kb.rules.values():
+        rules_of.setdefault(rule.clause.head.predicate, []).append(rule)
+    declared = kb.declared.keys()
     reasons: dict[str, str] = {}
-    while True:
-        barren = {
-            head
-            for head in kb.heads
-            if head not in kb.declared
-            and all(
-                name in reasons
-                for name, rule in kb.rules.items()
-                if rule.clause.head.predicate == head
+    barren: set[str] = set()
+    for head in TopologicalSorter(dependencies(kb.rules.values())).static_order():
+        rules = rules_of.get(head, [])
+        reasons |= {rule.name: why for rule in rules if (why := _why_never(rule, barren))}
+        if rules and head not in declared and all(rule.name in reasons for rule in rules):
+            barren.add(head)
+    for name in kb.rules:
+        if name in reasons:
+            yield Finding(
+                "SF001",
+                "warning",
+                f"the rule '{name}' can never fire: {reasons[name]}",
+                ("rules", name),
+                "correct or remove it",
             )
-        }
-        new = {
-            name: reason
-            for name, rule in kb.rules.items()
-            if name not in reasons and (reason := _why_never(rule, barren))
-        }
-        if not new:
-            break
-        reasons |= new
-    for name, reason in reasons.items():
-        yield Finding(
-            "SF001",
-            "warning",
-            f"the rule '{name}' can never fire: {reason}",
-            ("rules", name),
-            "correct or remove it",
-        )
 
 
-def _why_never(rule: Rule, barren: set[str]) -> str | None:
+def _why_never(rule: Rule, barren: Set[str]) -> str | None:
     body = rule.clause.body
     for literal in body.literals:
         if literal.never_holds():
             return f"'{literal}' is never true"
-    for literal in body.atom_literals:
-        if literal.binds and literal.atom.predicate in barren:
-            return f"no rule that can fire concludes '{literal.atom.predicate}'"
     for atom in _contradictions(body):
         if _excludes(rule):
             return f"{atom} and not {atom} exclude each other at its thresholds"
+    for literal in body.atom_literals:
+        if literal.binds and literal.atom.predicate in barren:
+            return f"no rule that can fire concludes '{literal.atom.predicate}'"
     return None
 
 
@@ -158,11 +167,9 @@ def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
 
 
 def _contradictions(body: Body) -> list[Atom]:
-    return [
-        literal.atom
-        for literal in body.literals
-        if isinstance(literal, Positive) and Negated(literal.atom) in body.literals
-    ]
+    negated = {lit.atom for lit in body.atom_literals if isinstance(lit, Negated)}
+    positive = (lit.atom for lit in body.atom_literals if isinstance(lit, Positive))
+    return [atom for atom in positive if atom in negated]
 
 
 def _excludes(rule: Rule) -> bool:
@@ -185,9 +192,10 @@ def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
 
 
 def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
+    heads = {*kb.heads}
     for name, weight in kb.weights.items():
         for head in weight.coefficients:
-            if head not in kb.heads:
+            if head not in heads:
                 yield Finding(
                     "SF004",
                     "warning",
@@ -197,22 +205,49 @@ def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
                 )
 
 
+def _without_use(kb: KnowledgeBase) -> Iterator[Finding]:
+    """SF010 and SF011."""
+    weights = {term.weight for term in kb.terms.values()}
+    signals = {name for term in kb.terms.values() for name in term.formula.names}
+    for code, section, names, used, user in (
+        ("SF010", "weights", kb.weights, weights, "no term uses the weight"),
+        ("SF011", "signals", kb.signals, signals, "no formula reads the signal"),
+    ):
+        for name in names:
+            if name not in used:
+                yield Finding(
+                    code, "warning", f"{user} '{name}'", (section, name), "remove it, or use it"
+                )
+
+
 def _subsumed(kb: KnowledgeBase) -> Iterator[Finding]:
-    found: set[str] = set()
-    for first, second in combinations(kb.rules.values(), 2):
-        # Of two equal rules the later one is reported.
-        for special, general in ((second, first), (first, second)):
-            if not found & {special.name, general.name} and _covers(general, special):
-                found.add(special.name)
-                yield _subsumption(kb, general, special)
+    """SF005, and SF009 for what was not looked at."""
+    comparison = compared(kb.rules.values())
+    for general, special in comparison.covered:
+        yield _subsumption(kb, general, special)
+    pairs = [f"'{a.name}' with '{b.name}'" for a, b in comparison.undecided]
+    pairs += [f"'{rule.name}' with those after it" for rule in comparison.rest]
+    if pairs:
+        yield Finding(
+            "SF009",
+            "info",
+            f"rules were not compared, as that takes too long: {_listed(pairs)}",
+            ("rules",),
+            "shorter bodies, and fewer rules of one head, are compared faster",
+        )
+
+
+def _listed(texts: Sequence[str], most: int = 3) -> str:
+    more = [f"and {len(texts) - most} more"] if len(texts) > most else []
+    return ", ".join([*texts[:most], *more])
 
 
 def _subsumption(kb: KnowledgeBase, general: Rule, special: Rule) -> Finding:
     effect = (
         "it can only raise the average"
-        if kb.semantics.conjunction == "average"
+        if CONJUNCTIONS[kb.semantics.conjunction].can_grow
         else "it changes nothing"
-        if kb.semantics.disjunction == "maximum"
+        if DISJUNCTIONS[kb.semantics.disjunction].is_idempotent
         else "it counts twice"
     )
     return Finding(
@@ -222,27 +257,6 @@ def _subsumption(kb: KnowledgeBase, general: Rule, special: Rule) -> Finding:
         ("rules", special.name),
         "remove one of the two rules",
     )
-
-
-def _covers(general: Rule, special: Rule) -> bool:
-    """Tell whether a substitution makes the general rule's body part of the special one's."""
-    if general.threshold > special.threshold:
-        return False
-    if general.negation_threshold > special.negation_threshold:
-        return False
-    start = general.clause.head.matched(special.clause.head, {})
-    return start is not None and _embeds(general.clause.body, special.clause.body, start)
-
-
-def _embeds(general: Body, special: Body, values: Mapping[str, str]) -> bool:
-    def rest(literals: Sequence[Literal], values: Mapping[str, str]) -> bool:
-        if not literals:
-            return True
-        first, *others = literals
-        matches = (first.matched(literal, values) for literal in special.literals)
-        return any(rest(others, extended) for extended in matches if extended is not None)
-
-    return rest(general.literals, values)
 
 
 def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
@@ -303,25 +317,45 @@ def _misordered(episodes: Sequence[ReplayedEpisode], endings: Sequence[str]) -> 
             )
 
 
+def _without_place(
+    episodes: Sequence[ReplayedEpisode], endings: Sequence[str]
+) -> Iterator[Finding]:
+    """SF012; who names endings that occur, all of them, has left the others out on purpose."""
+    found = {e.episode.ending for e in episodes if e.episode.ending is not None}
+    if found <= {*endings} or {*endings} <= found:
+        return
+    left_out = _listed([f"'{ending}'" for ending in sorted(found - {*endings})])
+    yield Finding(
+        "SF012",
+        "warning",
+        f"episodes end with {left_out}, which has no place in '{' < '.join(endings)}': "
+        "their returns were not compared",
+        ("terms",),
+        "name the endings, from the worst to the best, with --endings",
+    )
+
+
 # -- places -------------------------------------------------------------------------------------
 
 
 def located(kb: KnowledgeBase, findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Return findings with their places, without those that a comment hides.
 
-    Nor are those returned that stand in an inherited file, unless they are about episodes.
+    Nor are those returned that stand in an inherited file, unless they are about episodes. What is
+    odd about the comments themselves is added.
 
     Args:
         kb: what they were found in; its files are read again.
         findings: from `lint` and `lint_episodes`.
     """
-    texts = {file: Path(file).read_text(encoding="utf-8") for file in kb.files}
+    texts = {file: text_of(Path(file)) for file in kb.files}
     places = _places(texts)
     hidden = {(file, n): codes for file, text in texts.items() for n, codes in _ignores(text)}
     placed = [replace(finding, place=_place(finding, places)) for finding in findings]
     own = [
         f for f in placed if f.code in _OF_EPISODES or not f.place or f.place.file in kb.files[-1:]
     ]
+    own += [finding for file in kb.files[-1:] for finding in _strange_comments(file, texts[file])]
     shown = [finding for finding in own if not _is_hidden(finding, hidden)]
     return tuple(sorted(shown, key=lambda f: (f.place or Place(""), f.code)))
 
@@ -355,12 +389,37 @@ def _place(finding: Finding, places: Mapping[Keys, Place]) -> Place | None:
 
 def _ignores(text: str) -> Iterator[tuple[int, frozenset[str]]]:
     """Yield the number of each line on which codes are ignored; no code means all."""
+    for number, comment in _comments(text):
+        words = _words(comment)
+        if words and not words & _CODES:
+            continue
+        yield number, words & _CODES
+        if comment.string.lstrip().startswith("#"):
+            yield number + 1, words & _CODES
+
+
+def _strange_comments(file: str, text: str) -> Iterator[Finding]:
+    for number, comment in _comments(text):
+        strange = sorted(_words(comment) - _CODES)
+        if strange:
+            yield Finding(
+                "SF013",
+                "warning",
+                f"the comment ignores '{strange[0]}', which is no code",
+                (),
+                "a reason stands after a colon: # sfol: ignore SF003: others read it",
+                Place(file, number, comment.start() + 1),
+            )
+
+
+def _comments(text: str) -> Iterator[tuple[int, re.Match[str]]]:
     for number, line in enumerate(text.splitlines(), start=1):
-        if match := _IGNORE.search(line):
-            codes = frozenset(re.findall(r"SF\d+", match["codes"]))
-            yield number, codes
-            if line.lstrip().startswith("#"):
-                yield number + 1, codes
+        if comment := _IGNORE.search(line):
+            yield number, comment
+
+
+def _words(comment: re.Match[str]) -> frozenset[str]:
+    return frozenset(comment["words"].upper().replace(",", " ").split())
 
 
 def _is_hidden(finding: Finding, hidden: Mapping[tuple[str, int], frozenset[str]]) -> bool:

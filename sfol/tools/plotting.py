@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sfol.errors import UsageError, missing_extra
 from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode
+from sfol.tools.texts import visible
 from sfol.writing import replacing
 
 if TYPE_CHECKING:
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 
 MOST_EPISODES = 8
 
-_ROWS: Mapping[str, Callable[[Outcome], Mapping[str, float]]] = {
+_Values = Callable[[Outcome], Mapping[str, float]]
+_ROWS: Mapping[str, _Values] = {
     "confidence": lambda outcome: outcome.confidences,
     "weight": lambda outcome: outcome.weights,
-    "reward": lambda outcome: {**outcome.terms, "all": outcome.reward},
+    "reward": lambda outcome: outcome.terms,
 }
 
 
@@ -52,20 +54,7 @@ def plot(episodes: Sequence[ReplayedEpisode], path: Path) -> None:
         MissingExtraError: matplotlib is not installed.
         UsageError: the format is not known.
     """
-    shown = episodes[:MOST_EPISODES]
-    rows = {title: values for title, values in _ROWS.items() if values(shown[0].outcomes[0])}
-    figure = new_figure(1.5 + 4.5 * len(shown), 2.2 * len(rows))
-    grid = figure.subplots(len(rows), len(shown), squeeze=False, sharex="col", sharey="row")
-    for axes, (title, values) in zip(grid, rows.items(), strict=True):
-        for axis, episode in zip(axes, shown, strict=True):
-            _lines(axis, episode, values)
-        axes[0].set_ylabel(title)
-        axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-    for axis, episode in zip(grid[0], shown, strict=True):
-        ending = episode.episode.ending or "cut short"
-        axis.set_title(f"episode {episode.episode.number}: {ending}, return {episode.value:.4g}")
-    for axis in grid[-1]:
-        axis.set_xlabel("time in s")
+    figure = _drawn(episodes[:MOST_EPISODES])
     kind = path.suffix.lstrip(".").lower()
     known = figure.canvas.get_supported_filetypes()
     if kind not in known:
@@ -76,16 +65,34 @@ def plot(episodes: Sequence[ReplayedEpisode], path: Path) -> None:
         figure.savefig(part, format=kind, dpi=120)
 
 
-def _lines(
-    axis: Axes, episode: ReplayedEpisode, values: Callable[[Outcome], Mapping[str, float]]
-) -> None:
-    times = [step.time for step in episode.episode.steps]
+def _drawn(shown: Sequence[ReplayedEpisode]) -> Figure:
+    rows = {title: values for title, values in _ROWS.items() if values(shown[0].outcomes[0])}
+    figure = new_figure(1.5 + 4.5 * len(shown), 2.2 * len(rows))
+    grid = figure.subplots(len(rows), len(shown), squeeze=False, sharex="col", sharey="row")
+    for axes, (title, values) in zip(grid, rows.items(), strict=True):
+        for axis, episode in zip(axes, shown, strict=True):
+            _lines(axis, episode, values)
+            if title == "reward":
+                rewards = [outcome.reward for outcome in episode.outcomes]
+                axis.plot(_times(episode), rewards, label="all", color="black", linestyle=":")
+        axes[0].set_ylabel(title)
+        legend = axes[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+        for label in legend.get_texts():
+            label.set_parse_math(False)  # a name with two dollars is no formula
+    for axis, episode in zip(grid[0], shown, strict=True):
+        ending = episode.episode.ending or "cut short"
+        title = f"episode {episode.episode.number}: {visible(ending)}, return {episode.value:.4g}"
+        axis.set_title(title, parse_math=False)
+    for axis in grid[-1]:
+        axis.set_xlabel("time in s")
+    return figure
+
+
+def _lines(axis: Axes, episode: ReplayedEpisode, values: _Values) -> None:
     for name in values(episode.outcomes[0]):
-        whole = name == "all"
-        axis.plot(
-            times,
-            [values(outcome)[name] for outcome in episode.outcomes],
-            label=name,
-            color="black" if whole else None,
-            linestyle=":" if whole else "-",
-        )
+        numbers = [values(outcome)[name] for outcome in episode.outcomes]
+        axis.plot(_times(episode), numbers, label=visible(name), linestyle="-")
+
+
+def _times(episode: ReplayedEpisode) -> list[float]:
+    return [step.time for step in episode.episode.steps]

@@ -95,6 +95,9 @@ def test_explain_takes_the_scene_of_a_test_or_of_a_file(tmp_path):
     name = "a pedestrian on the road straight ahead"
     assert "reward -0.06875" in run("explain", "aeb", "--test", name).stdout
     (tmp_path / "scene.txt").write_text("NoCrosswalk(ego). EmptyLane(ego).")
+    (tmp_path / "wrong.txt").write_text("NoCrosswalk(ego).\n  EmptyLane{ego}.")
+    wrong = run("explain", "aeb", "--facts", f"@{tmp_path}/wrong.txt")
+    assert wrong.stderr.startswith(f"{tmp_path}/wrong.txt:2:12: error: ")
     scene = run(
         "explain", "aeb", "--facts", f"@{tmp_path}/scene.txt", "-s", "v=4", "-s", "v_next=4"
     )

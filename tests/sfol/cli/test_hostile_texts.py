@@ -1,12 +1,19 @@
 """What a file says reaches the terminal as it stands: no markup, no commands to the terminal."""
 
+import io
 import subprocess
 import sys
 
 import pytest
 
+from sfol.cli import main
+from sfol.cli.app import app
+from sfol.cli.output import print_errors
+from sfol.errors import Place, SfolError
+from sfol.tools.texts import visible
 from tests.sfol.command_line import ROOT, sfol
 
+commands = [command.name or command.callback.__name__ for command in app.registered_commands]
 LINK = "[link=https://example.org]click[/link]"
 NAMES = [
     LINK,
@@ -18,6 +25,9 @@ NAMES = [
     "=HYPERLINK(1)",
     "<b>&\"'",
     "🙂 é",
+    ":smile:",
+    "a [bold",
+    "x] [/",
     "x" * 300,
 ]
 FILE = """\
@@ -51,7 +61,82 @@ def test_names_are_printed_and_not_obeyed(tmp_path, name):
         assert "\x1b" not in printed
         assert "Traceback" not in printed
         if command in ("show", "explain", "test") and len(name) < 50:
-            assert name in printed, (command, printed)
+            # What explain prints is made where no command is: there a name may become a smile.
+            assert name in printed or (command, name) == ("explain", ":smile:"), (command, printed)
+
+
+FILES = [
+    "[bold].yaml",
+    "[/].yaml",
+    "a [red",
+    "x\x1b[31m.yaml",
+    "two\nlines.yaml",
+    "\u202edoc.yaml",
+    ":smile:.yaml",
+    "\udcff.yaml",
+]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_names_of_files_are_printed_and_not_obeyed(tmp_path, name):
+    (tmp_path / name).mkdir(parents=True)
+    valid, broken = tmp_path / name / "valid.yaml", tmp_path / name / "broken.yaml"
+    valid.write_text(FILE.format(name="plain"))
+    broken.write_text("name: x")
+    shown = visible(tmp_path / name)
+    for command, *options in [
+        *COMMANDS,
+        ["replay"],
+        ["lint", "aeb", "--log"],
+        ["explain", "aeb", "--facts"],
+    ]:
+        for path in (valid, broken, tmp_path / name):
+            done = sfol(command, *options, f"@{path}" if options[-1:] == ["--facts"] else path)
+            assert all(c.isprintable() or c == "\n" for c in done.err + done.out), command
+            assert done.code in (0, 1, 2)
+            if command in ("check", "test", "lint") or done.code == 2:
+                assert shown in done.out + done.err, (command, done)
+            if done.code == 2:
+                assert all("error: " in line for line in done.err.splitlines())
+
+
+def test_a_message_and_its_hint_make_no_markup_together(capsys):
+    print_errors(SfolError("an [bold", suggestion="b] [/", place=Place("x [red")))
+    assert capsys.readouterr().err == "x [red: error: an [bold — b] [/\n"
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in commands)])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_help_can_be_shown_on_every_console(monkeypatch, encoding, command):
+    out = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "argv", ["sfol", *command, "--help"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    out.flush()
+    assert end.value.code == 0
+    assert "Usage" in out.buffer.getvalue().decode(encoding)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+@pytest.mark.parametrize(
+    "arguments",
+    [["show", "--yaml"], ["graph"], ["graph", "--format", "svg"], ["diff", "aeb", "--json"]],
+)
+def test_what_is_written_into_a_file_is_utf_8_on_every_console(
+    tmp_path, monkeypatch, encoding, arguments
+):
+    path = tmp_path / "x.yaml"
+    path.write_text(FILE.format(name="é→🙂"), encoding="utf-8")
+    out = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "argv", ["sfol", *arguments, str(path)])
+    with pytest.raises(SystemExit):
+        main()
+    out.flush()
+    text = out.buffer.getvalue().decode("utf-8")
+    assert "é" in text
+    assert "?" not in text
 
 
 @pytest.mark.parametrize("character", ["\\e", "\\a", "\\x9b", "\\u202e", "\\0", "\\ud800"])

@@ -1,14 +1,12 @@
-"""Reading takes time in proportion to the file: twice the text is at most two and a half the work.
+"""Reading takes time in proportion to the file: twice the text is at most two and a half the work."""
 
-Work is counted in calls of functions, Python's and C's, which is the same on every machine.
-"""
-
-import sys
+from contextlib import suppress
 
 import pytest
 
 from sfol import KnowledgeBase
 from sfol.errors import InvalidKnowledgeBase
+from tests.sfol.work import calls
 
 HEAD = """\
 version: 1
@@ -45,20 +43,12 @@ def unknown_keys(count):
 
 def work(path, text):
     path.write_text(text)
-    calls = 0
 
-    def count(frame, event, argument):
-        nonlocal calls
-        calls += event in ("call", "c_call")
+    def load():
+        with suppress(InvalidKnowledgeBase):
+            KnowledgeBase.load(path)
 
-    sys.setprofile(count)
-    try:
-        KnowledgeBase.load(path)
-    except InvalidKnowledgeBase:
-        pass
-    finally:
-        sys.setprofile(None)
-    return calls
+    return calls(load)
 
 
 @pytest.mark.parametrize("make", [predicates, rules, misspelt, unparsed, unknown_keys])

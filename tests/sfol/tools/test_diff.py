@@ -1,7 +1,9 @@
 """`sfol diff`: everything that changed, nothing that did not."""
 
 import json
+import os
 import subprocess
+import tempfile
 import time
 from dataclasses import replace
 
@@ -206,6 +208,38 @@ def test_without_a_commit_the_error_is_clear(repository, tmp_path_factory):
     assert "not a git repository" in done.err
     assert "name two knowledge bases" in done.err
     assert "has no last commit" in sfol("diff", "aeb").err
+
+
+@pytest.mark.parametrize("name", ["../../planted.yaml", "../planted.yaml", "/{}/planted.yaml", "..\\x.yaml", "\xff.yaml"])  # fmt: skip
+def test_a_commit_writes_nowhere_but_in_its_temporary_folder(repository, name, monkeypatch):
+    """A tree that no git would make: its entries are paths that lead elsewhere."""
+
+    def git(*arguments, content=b""):
+        command = ["git", "-c", "user.name=x", "-c", "user.email=x@example.org", *arguments]
+        done = subprocess.run(
+            command, cwd=repository, input=content, capture_output=True, check=True
+        )
+        return done.stdout.decode().strip()
+
+    temporary = repository / "a" / "b"
+    temporary.mkdir(parents=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    blob = bytes.fromhex(git("hash-object", "-w", "--stdin", content=b"planted"))
+    kitchen = bytes.fromhex(git("rev-parse", "HEAD:kitchen.yaml"))
+    path = name.format(str(temporary).strip("/")).encode("latin-1")
+    entries = [(path, blob), (b"kitchen.yaml", kitchen)]
+    tree = b"".join(b"100644 " + file + b"\0" + digest for file, digest in sorted(entries))
+    made = git("hash-object", "-t", "tree", "-w", "--literally", "--stdin", content=tree)
+    git("update-ref", "HEAD", git("commit-tree", made, "-m", "hostile"))
+    assert sfol("diff", repository / "kitchen.yaml") == (0, "no difference\n", "")
+    assert not [*repository.rglob("*planted*")]
+    assert os.listdir(temporary) == []
+
+
+def test_a_link_to_a_file_is_compared_with_the_files_last_commit(repository, tmp_path_factory):
+    link = tmp_path_factory.mktemp("elsewhere") / "link.yaml"
+    link.symlink_to(repository / "kitchen.yaml")
+    assert sfol("diff", link).code == 0
 
 
 def test_watch_compares_again_at_every_save(tmp_path, monkeypatch):

@@ -2,9 +2,12 @@
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import networkx as nx
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sfol import KnowledgeBase
 from sfol.knowledge_base.loading import bundled_names
@@ -68,8 +71,28 @@ def test_negation_and_coefficients_are_drawn(kitchen):
 
 def test_names_cannot_break_the_drawings(kitchen):
     kb = kitchen({"  care: careful": "  '<b>\"&': careful"})
-    assert '(["<b>#quot;&"])' in mermaid(kb)
+    assert '(["#60;b#62;#34;#38;"])' in mermaid(kb)
     assert '<b>"&' in ET.fromstring(svg(kb)).itertext()
+
+
+texts = st.text(min_size=1) | st.text('"`#;<>&[](){}|%\n\r\t\0\x1b\u2028\ufffe x-', min_size=1)
+
+
+@given(texts)
+def test_a_name_of_any_characters_is_the_text_of_a_node_and_no_more(name):
+    """A knowledge base of objects may have any name, which a file would not let pass."""
+    kb = KnowledgeBase.load("cartpole")
+    rule = next(iter(kb.rules.values()))
+    named = [
+        replace(kb, name=text, rules={**kb.rules, rule.name: replace(rule, name=text)})
+        for text in ("n", name)
+    ]
+    plain, strange = (mermaid(each).splitlines() for each in named)
+    assert len(plain) == len(strange)
+    (changed,) = [line for line, other in zip(strange, plain, strict=True) if line != other] or [""]
+    assert re.fullmatch(r'(    n\d+\(\["[\w _.,:+/()#;-]*"\]\))?', changed)
+    drawn = [[element.tag for element in ET.fromstring(svg(each)).iter()] for each in named]
+    assert drawn[0] == drawn[1]
 
 
 @pytest.mark.parametrize("name", bundled_names())

@@ -1,15 +1,20 @@
 """Lint: each code on a knowledge base that deserves it, and silence on one that does not."""
 
 import math
+import re
 
 import pytest
 
 from sfol import Facts, KnowledgeBase, RewardFunction
+from sfol.knowledge_base.loading import bundled_names
 from sfol.logs import Log, LoggedEpisode, LoggedStep, LogWriter
+from sfol.tools import lint as lint_module
 from sfol.tools.lint import lint, lint_episodes, located
 from sfol.tools.replay import replay
+from sfol.tools.subsumption import PAIR_STEPS
 from tests.sfol.command_line import RULES, sfol
 from tests.sfol.conftest import KITCHEN
+from tests.sfol.work import calls
 
 RULE = "careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X)."
 ENDINGS = ("collision", "timeout", "success")
@@ -76,6 +81,24 @@ def test_sf004_weights_without_a_rule(tmp_path):
     assert (finding.place.file, finding.place.line) == (str(path), 5)
 
 
+def test_sf010_weights_that_no_term_uses(kitchen):
+    kb = kitchen({"weights:": "weights:\n  spare: {normalizer: 1, coefficients: {careful: 1.0}}"})
+    assert only(kb, "SF010").path == ("weights", "spare")
+    assert "SF010" not in codes(kitchen())
+
+
+def test_sf011_signals_that_no_formula_reads(kitchen):
+    kb = kitchen({"signals:": "signals:\n  heat: {unit: K, default: 0.0}"})
+    assert only(kb, "SF011").path == ("signals", "heat")
+    assert "SF011" not in codes(kitchen())
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_nothing_is_odd_about_the_bundled_knowledge_bases(name):
+    kb = KnowledgeBase.load(name)
+    assert [f for f in located(kb, lint(kb)) if f.level == "warning"] == []
+
+
 @pytest.mark.parametrize(
     ("other", "subsumed"),
     [
@@ -99,6 +122,91 @@ def test_sf005_says_what_the_rule_still_does(kitchen):
     more = {RULE: f"{RULE}\n  other: {RULE}"}
     assert "only raise the average" in only(kitchen(more), "SF005").message
     assert "changes nothing" in only(kitchen(more, "conjunction: minimum"), "SF005").message
+
+
+BIG = """\
+version: 1
+name: big
+predicates: {{P(X): a{predicates}}}
+rules: {{{rules}}}
+signals: {{v: {{unit: m/s}}}}
+weights: {{w: {{normalizer: 1, coefficients: {{h0: 1}}}}}}
+terms: {{t: {{weight: w, formula: v}}}}
+"""
+
+
+def big(count, rule):
+    """Return a text with so many rules; {i} in a rule is its number, Q{i} a predicate of its own."""
+    rules = ", ".join(f"r{i}: '{rule.format(i=i)}'" for i in range(count))
+    predicates = "".join(f", Q{i}(X): q" for i in range(count)) + "".join(
+        f", h{i}(X): h" for i in range(count + 1)
+    )
+    return BIG.format(predicates=predicates, rules=rules)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "h0(X) :- P(X), Q{i}(X).",
+        "h{i}(X) :- P(X).",
+        "h0(X) :- P(X).",
+        "h0(X) :- Q{i}(X), X != X.",
+        "h0(X) :- Q{i}(X), not Q{i}(X).",
+    ],
+)
+def test_twice_the_rules_are_about_twice_the_work(tmp_path, rule):
+    once, twice = (linting(tmp_path, big(count, rule)) for count in (100, 200))
+    assert twice < 2.5 * once
+
+
+def test_a_chain_of_rules_that_never_fire_is_followed_once(tmp_path):
+    """Each reads the head of the one after it, the last reads nothing: in one pass or in many."""
+
+    def chain(count):
+        text = big(count, "g{i}(X) :- P(X), g{i}_(X).").replace("'g", "'h").replace(" g", " h")
+        for i in range(count - 1):
+            text = text.replace(f"h{i}_(X)", f"h{i + 1}(X)")
+        heads = "".join(f", h{i}(X): h" for i in range(count + 1))
+        return text.replace(heads, "").replace(f"h{count - 1}_(X)", "X != X")
+
+    once, twice = (linting(tmp_path, chain(count)) for count in (100, 200))
+    kb = KnowledgeBase.load(tmp_path / "big.yaml")
+    assert len([finding for finding in lint(kb) if finding.code == "SF001"]) == 200
+    assert twice < 2.5 * once
+
+
+def linting(folder, text):
+    """Return how many functions are called to lint a text."""
+    path = folder / "big.yaml"
+    path.write_text(text)
+    kb = KnowledgeBase.load(path)
+    return calls(lambda: lint(kb))
+
+
+def hard(variables):
+    """Two rules whose comparison is the colouring of a complete graph with one colour too few."""
+    names = [f"A{i}" for i in range(variables)]
+    edges = [f"Near({a}, {b})" for a in names for b in names if a != b]
+    colours = [name for name in names if name != "A0"]
+    fewer = [f"Near({a}{x}, {b}{y})" for a in colours for b in colours if a != b for x in "xy" for y in "xy"]  # fmt: skip
+    return f"careful(X) :- Person(X), {', '.join(edges)}.", f"careful(X) :- Person(X), {', '.join(fewer)}."  # fmt: skip
+
+
+def test_sf009_says_which_rules_were_not_compared(kitchen):
+    first, second = hard(6)
+    kb = kitchen({RULE: f"{first}\n  other: {second}"})
+    finding = only(kb, "SF009")
+    assert (finding.level, finding.path) == ("info", ("rules",))
+    assert "not compared, as that takes too long: 'care' with 'other'" in finding.message
+    assert calls(lambda: lint(kb)) < 30 * PAIR_STEPS
+
+
+def test_rules_of_eight_or_twelve_free_literals_are_compared(kitchen):
+    for count in (8, 12):
+        free = [f"Near(A{i}, B{i})" for i in range(count)]
+        ends = ["Near(A, A)"], ["Hot(A)", "Pot(A)"]
+        first, second = (f"careful(X) :- Person(X), {', '.join([*free, *end])}." for end in ends)
+        assert set(codes(kitchen({RULE: f"{first}\n  other: {second}"}))) == {"SF003", "SF006"}
 
 
 # -- recorded episodes ----------------------------------------------------------------------------
@@ -137,6 +245,28 @@ def test_sf008_returns_in_the_wrong_order(kitchen):
     assert lint_episodes(kb, replay(log_of(*drives), kb), endings=("collision", "success")) == ()
 
 
+@pytest.mark.parametrize(
+    ("endings", "left_out"),
+    [
+        (("crash", "goal"), None),
+        (("crash", "stuck", "goal"), None),
+        (("crash",), None),
+        (("collision", "timeout", "success"), "'crash', 'goal'"),
+        (("crash", "gaol"), "'goal'"),
+    ],
+)
+def test_sf012_endings_without_a_place(kitchen, endings, left_out):
+    kb = kitchen()
+    drives = (("crash", [9.0]), ("goal", [1.0]), (None, [1.0]))
+    found = lint_episodes(kb, replay(log_of(*drives), kb), endings=endings)
+    messages = [finding.message for finding in found if finding.code == "SF012"]
+    assert len(messages) == (0 if left_out is None else 1)
+    for message in messages:
+        assert message.startswith(
+            f"episodes end with {left_out}, which has no place in '{endings[0]} <"
+        )
+
+
 # -- places, comments, the command ----------------------------------------------------------------
 
 
@@ -162,7 +292,15 @@ def test_findings_have_a_place(odd):
         ("  # sfol: ignore SF001, SF003", True),
         ("  # sfol: ignore", True),
         ("  #sfol:ignore SF003: others may read it", True),
+        ("  # sfol: ignore sf003", True),
+        ("  # SFOL: Ignore Sf003, sf001", True),
+        ("  # sfol: ignore: others may read it", True),
+        ("  # sfol: ignore SF003 # and more", True),
+        ("  # sfol: ignore SF003 here", True),
         ("  # sfol: ignore SF004", False),
+        ("  # sfol: ignore sf004", False),
+        ("  # sfol: ignore SF0003", False),
+        ("  # sfol: ignore this", False),
         ("  # sfol: ignored by all", False),
     ],
 )
@@ -171,9 +309,25 @@ def test_a_comment_hides_a_finding(odd, comment, hides):
     text = odd.read_text()
     for changed in (line.replace("\n", comment + "\n"), comment + "\n" + line):
         odd.write_text(text.replace(line, changed))
-        assert sfol("lint", odd).code == (0 if hides else 1)
+        assert ("SF003" not in sfol("lint", odd).out.replace("sfol: ignore SF003", "")) == hides
     odd.write_text(text.replace(line, line + comment + "\n"))
     assert sfol("lint", odd).code == 1
+
+
+@pytest.mark.parametrize("word", ["this", "SF0003", "SF099", "SF003."])
+def test_sf013_comments_that_ignore_what_is_no_code(odd, word):
+    odd.write_text(odd.read_text() + f"\n  # sfol: ignore SF001 {word}: for a reason\n")
+    lines = odd.read_text().count("\n")
+    done = sfol("lint", odd)
+    assert done.code == 1
+    assert (
+        f"{odd}:{lines}:3: SF013 the comment ignores '{word.upper()}', which is no code" in done.out
+    )
+
+
+def test_the_table_has_every_code():
+    table = re.findall(r"^\| (SF\d+) \| (warning|info) \|", lint_module.__doc__, re.M)
+    assert [code for code, _ in table] == sorted(lint_module._CODES)
 
 
 def test_infos_are_no_failure_and_what_is_inherited_is_not_told_again():
@@ -203,3 +357,8 @@ def test_a_log_on_the_command_line(tmp_path):
     mild = sfol("lint", "aeb", "--log", path, "--dominant", 1, "--endings", "success<collision")
     assert "SF007" not in mild.out
     assert "SF008" not in mild.out
+    unknown = sfol("lint", "aeb", "--log", path, "--endings", "crash < goal")
+    assert unknown.code == 1
+    assert "SF012 episodes end with 'collision', 'success'" in unknown.out
+    for order in ("", "a <", "a < b < a"):
+        assert "is no order of endings" in sfol("lint", "aeb", "--endings", order).err

@@ -1,0 +1,56 @@
+"""Files that are read: regular ones within limits, or an error of ours that says why not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+from sfol.errors import FileError, Place
+
+MAXIMUM_BYTES = 1_000_000
+
+
+def opened(path: Path, what: str = "file") -> BinaryIO:
+    """Return a file to read its bytes from.
+
+    Args:
+        path: the file; a folder is none, nor is a pipe, which might never end.
+        what: what it is, such as ``log``, for the message.
+
+    Raises:
+        FileError: it can't be read.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise _unreadable(path, what, "it is not a regular file")
+        return path.open("rb")
+    except OSError as error:
+        raise _unreadable(path, what, error.strerror or str(error)) from None
+    except ValueError as error:  # a name with a null character
+        raise _unreadable(path, what, str(error)) from None
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file in UTF-8, of at most `MAXIMUM_BYTES`.
+
+    Raises:
+        FileError: it can't be read, is too long or is not UTF-8.
+    """
+    place = Place(str(path))
+    with opened(path) as file:
+        try:
+            content = file.read(MAXIMUM_BYTES + 1)  # however much a file grows meanwhile
+        except OSError as error:
+            raise _unreadable(path, "file", error.strerror or str(error)) from None
+    if len(content) > MAXIMUM_BYTES:
+        raise FileError(
+            f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
+        )
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
+
+
+def _unreadable(path: Path, what: str, reason: str) -> FileError:
+    return FileError(f"the {what} can't be read: {reason}", name=path.name, place=Place(str(path)))
