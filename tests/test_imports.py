@@ -19,6 +19,7 @@ GROUND = {
         "data_folder",
         "errors",
         "arrays",
+        "arithmetic",
         "reading",
         "writing",
         "locking",

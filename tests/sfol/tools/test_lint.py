@@ -193,7 +193,7 @@ def hard(variables):
 
 
 def test_sf009_says_which_rules_were_not_compared(kitchen):
-    first, second = hard(6)
+    first, second = hard(5)
     kb = kitchen({RULE: f"{first}\n  other: {second}"})
     finding = only(kb, "SF009")
     assert (finding.level, finding.path) == ("info", ("rules",))
