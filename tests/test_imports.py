@@ -19,6 +19,7 @@ GROUND = {
         "data_folder",
         "errors",
         "arrays",
+        "reading",
         "writing",
         "strict_yaml",
         "syntax",

@@ -28,9 +28,10 @@ from env.evaluation.evaluate import (
 from env.evaluation.metrics import METRICS, Pooled
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
-from sfol.errors import UsageError
+from sfol.errors import FileError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LogWriter
+from sfol.reading import first_reason
 from sfol.writing import replacing
 
 Content = TypeVar("Content")
@@ -168,14 +169,13 @@ def read_json(path: Path, kind: type[Content]) -> Content:
     """Read what `write_json` has written.
 
     Raises:
-        UsageError: the file holds something else.
+        FileError: the file can't be read, or holds something else.
     """
     try:
         return TypeAdapter(kind).validate_json(path.read_bytes())
     except (ValidationError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise UsageError(
-            f"'{path}' can't be read as a result: {reason}",
+        raise FileError(
+            f"'{path}' can't be read as a result: {first_reason(error)}",
             name=str(path),
             suggestion="remove it, or name another --output",
         ) from None

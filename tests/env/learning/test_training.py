@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from stable_baselines3 import PPO
+from safetensors.torch import load_file
 from typer.testing import CliRunner
 
 from env.cli import app
 from env.driving.policies import file_hash
 from env.driving.policy_files import PolicyFile, act, actor_of, load_actor
-from env.driving.setup import Setup, load_setup, setup_names
+from env.driving.setup import Setup, changed, load_setup, setup_names
 from env.learning import training
 from env.learning.journal import History
 from env.learning.new_model import new_model, untrained_model
@@ -36,6 +36,9 @@ evaluation_steps: 1000
 evaluation_episodes: 1
 learning: {rollout_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
 """
+
+
+EPISODE = {"return": 0.0, "is_success": False, "collision": False, "timeout": True}
 
 
 @pytest.fixture
@@ -196,7 +199,7 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog, monke
 
     with pytest.raises(StoppedError):
         train(load_setup(setup_file), folder, progress=stop)
-    checkpoints = sorted(folder.glob("checkpoint-*.zip"))
+    checkpoints = sorted(folder.glob("checkpoint-*.safetensors"))
     assert [steps_of(path) for path in checkpoints] == [16, 32]
     checkpoints[-1].write_bytes(b"half a checkpoint")
 
@@ -237,12 +240,45 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     with pytest.raises(KeyboardInterrupt):
         train(setup, folder, progress=stop)
     # As if this had been written after the last checkpoint:
-    History(folder / "episodes.jsonl").append({"steps": 90, "seconds": 1.0, "return": 0.0})
+    History(folder / "episodes.jsonl", ()).append({"steps": 90, "seconds": 1.0} | EPISODE)
     trained = train(setup, folder)
     assert [row["steps"] for row in trained.evaluations] == [64, 128]
     assert all(row["success_low"] == row["success"] for row in trained.evaluations)
     assert 90 not in {row["steps"] for row in trained.episodes}
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+def test_a_training_that_is_stopped_often_is_evaluated_as_often_as_one_that_is_not(
+    setup_file, tmp_path, monkeypatch
+):
+    result = {"success": 0.0, "return": 0.0}
+    monkeypatch.setattr(training, "evaluate_policy", lambda model, setup: result)
+    changes = {"evaluation_steps": 40, "checkpoint_steps": 32}
+    stages = [{"steps": 160, "traffic": ["low"], "occlusion": ["partial"]}]
+    setup = changed(load_setup(setup_file), stages=stages, **changes)
+    expected = [row["steps"] for row in train(setup, tmp_path / "whole").evaluations]
+    assert expected == [48, 96, 144, 160]
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(start):
+        def progress(steps, stage):
+            if stage != "building streets" and steps >= start + 50:
+                raise StoppedError
+
+        return progress
+
+    folder, starts = tmp_path / "stopped", []
+    while True:
+        kept = [steps_of(path) for path in folder.glob("checkpoint-*")]
+        starts.append(max(kept, default=0))
+        with contextlib.suppress(StoppedError):
+            trained = train(setup, folder, progress=stop(starts[-1]))
+            break
+    assert [row["steps"] for row in trained.evaluations] == expected
+    assert starts == sorted(set(starts))
+    assert len(starts) > 2
 
 
 def pedals(file):
@@ -365,9 +401,9 @@ def test_noise_falls_to_what_the_setup_says(tmp_path, last, greatest):
     content = yaml.safe_load(SMALL)
     content["learning"] |= {"last_log_std": last}
     train(Setup.model_validate(content), tmp_path)
-    model = PPO.load(max(tmp_path.glob("checkpoint-*.zip")))
+    tensors = load_file(max(tmp_path.glob("checkpoint-*.safetensors")))
     # Its last limit was set after 48 of 64 steps; one update came after that.
-    assert model.policy.log_std.max().item() == pytest.approx(greatest, abs=0.01)
+    assert tensors["policy.log_std"].max().item() == pytest.approx(greatest, abs=0.01)
 
 
 def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
