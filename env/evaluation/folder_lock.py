@@ -17,7 +17,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from sfol.errors import SfolError, UsageError
+from sfol.errors import SfolError
+from sfol.writing import unwritable
 
 _NAME = ".lock"
 
@@ -63,11 +64,7 @@ def locked(folder: Path) -> Iterator[None]:
             suggestion="wait for it, stop it, or name another --output",
         ) from None
     except OSError as error:
-        raise UsageError(
-            f"'{folder}' can't be written: {error.strerror}",
-            name=str(folder),
-            suggestion="another --output",
-        ) from None
+        raise unwritable(folder, error) from None
     try:
         yield
     finally:

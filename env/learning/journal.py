@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sfol.errors import FileError, Place, UsageError
-from sfol.writing import replacing
+from sfol.errors import FileError, Place
+from sfol.writing import replacing, unwritable
 
 Row = dict[str, Any]
 
@@ -52,9 +52,7 @@ class History:
             with self.file.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
         except OSError as error:
-            raise UsageError(
-                f"'{self.file}' can't be written: {error.strerror}", name=str(self.file)
-            ) from None
+            raise unwritable(self.file, error) from None
 
     def go_back_to(self, steps: int) -> None:
         """Forget the rows after a step: training goes on from there, and they will come again."""

@@ -7,13 +7,14 @@ A study's folder has ``training/<name>.json``, how a setup was trained with one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from env.driving.rollout import Ending
 from env.evaluation.results import DriveResult, ResultFolder, read_json, write_json
+from sfol.writing import check_writable
 
 Content = TypeVar("Content")
 
@@ -132,6 +133,19 @@ class StudyFolder:
     def drives(self) -> ResultFolder:
         """Where the drives are."""
         return ResultFolder(self._path / "drives")
+
+    def check(self, names: Iterable[str]) -> None:
+        """Make sure that results can be written here, before anything is trained.
+
+        Args:
+            names: of setups and seeds.
+
+        Raises:
+            UsageError: a file can't be written, or one that is there can't be read.
+        """
+        folders = (self._path / "training", self._path / "trajectories")
+        check_writable(*(folder / f"{name}.json" for folder in folders for name in names))
+        self.drives.check([])
 
     def training(self, name: str) -> TrainingResult | None:
         """Return the training of setup and seed, if it is there."""

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from env.evaluation.folder_lock import locked
 from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import FRAMES
@@ -49,11 +50,12 @@ def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) 
 
     Raises:
         UsageError: there is no such split, or the folder holds other frames.
+        SfolError: another process has the folder.
     """
     chosen = _split(split)
     count, first = math.ceil(frames / FRAMES_PER_STREET), FRAMES[chosen].start
     seeds = range(first, first + count)
-    with _Streets() as streets:
+    with locked(output), _Streets() as streets:
         card = _card(streets.of(first).lens, chosen, seeds, pairs)
         _write_card(output / CARD, card)
         with _progress() as progress:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
@@ -186,6 +188,9 @@ class World:
         ego: outer measures of ego.
         geometry: the street.
 
+    Raises:
+        UsageError: pybullet does not start; or the street is used after `close`, or copied.
+
     Attributes:
         light: of the episode.
         heights: float (N,), of the people, in m.
@@ -204,7 +209,9 @@ class World:
         self.geometry = geometry or StreetGeometry()
         self.light = Light()
         self._ego_size = ego
-        self._client: int | None = _connect()
+        self._physics = _connect()
+        # Streets that nobody closes would keep their memory, some 36 MB each.
+        self._closing = weakref.finalize(self, _disconnect, self._physics)
         self._kinds: list[SemanticClass] = []
         rng = np.random.default_rng(_WARDROBE_SEED)
         with tempfile.TemporaryDirectory(prefix="street-") as folder:
@@ -323,9 +330,21 @@ class World:
 
     def close(self) -> None:
         """Disconnect from pybullet; a second call does nothing."""
-        if self._client is not None:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = None
+        self._closing()
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Refuse to be copied or pickled: a copy would draw and move the same bodies.
+
+        Raises:
+            UsageError: always.
+        """
+        raise not_copied()
+
+    @property
+    def _client(self) -> int:
+        if not self._closing.alive:
+            raise UsageError("the street is closed", suggestion="build another one")
+        return self._physics
 
     # Building
 
@@ -574,6 +593,20 @@ def _connect() -> int:
     if client < 0:
         raise _no_client("it gave no reason")
     return client
+
+
+def _disconnect(client: int) -> None:
+    """Free a physics client; what is gone already, as at the end of a program, stays so."""
+    with suppress(pybullet.error):
+        pybullet.disconnect(physicsClientId=client)
+
+
+def not_copied() -> UsageError:
+    """Return the error that a street can't be copied."""
+    return UsageError(
+        "a street can't be copied or pickled: its bodies live in one renderer of this process",
+        suggestion="build another one with the same arguments; equal seeds make them equal",
+    )
 
 
 def _no_client(reason: str) -> UsageError:
