@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal, NoReturn, SupportsIndex, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
@@ -35,7 +35,7 @@ from env.world.cells import Traffic
 from env.world.kinematics import STANDSTILL, stopping_distance
 from env.world.meshes import VehicleSize
 from env.world.window import Window
-from env.world.world import PERSON_RADIUS, Occlusion, StreetGeometry, World, not_copied
+from env.world.world import PERSON_RADIUS, NotCopied, Occlusion, StreetGeometry, World
 from sfol.errors import UsageError, did_you_mean
 from sfol.wrappers import log_items
 from vsr.grounding import SegmentationGrounding
@@ -65,7 +65,7 @@ class _Stretch:
     collided: bool
 
 
-class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
+class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """Drive along a street, past a crosswalk that a parked vehicle hides in part, to the goal.
 
     The action is one number in [-1, 1], throttle above 0 and brake below; what lies outside is
@@ -100,6 +100,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         max_seconds: after which an episode is cut off.
         render_mode: None; ``rgb_array``, `render` returns a picture; ``human``, a window shows it.
         render_view: of that picture: ``third_person``, from behind ego, or ``dash``, the frame.
+
+    A street that nobody closes is closed when it is no longer used. It can't be copied or pickled.
 
     Raises:
         UsageError: an argument is none of these, there are no weights for ``unet``, or no screen
@@ -175,6 +177,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             UsageError: the seed is no whole number from 0 on, or the street is closed.
         """
         super().reset(seed=_seed(seed), options=options)
+        self._ended = True  # until all of the next episode is there
         rng = self.np_random
         self.behaviour: Behaviour = self._behaviours[int(rng.integers(len(self._behaviours)))]
         self.people = self._populate(rng)
@@ -255,14 +258,6 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             ResetNeeded: no episode has begun.
         """
         return self._picture() if self.render_mode == "rgb_array" else None
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """Refuse to be copied or pickled: a copy would drive on the same bodies.
-
-        Raises:
-            UsageError: always.
-        """
-        raise not_copied()
 
     def close(self) -> None:
         """Free the physics client and the window; a second call does nothing."""

@@ -174,7 +174,22 @@ _TRUCKS = (
 _CHILD = Figure(height=1.15)  # Euro NCAP's child is as tall as one of seven
 
 
-class World:
+class NotCopied:
+    """What can't be copied or pickled, since both would move the same bodies."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Refuse.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(
+            "a street can't be copied or pickled: its bodies live in one renderer of this process",
+            suggestion="build another one with the same arguments; equal seeds make them equal",
+        )
+
+
+class World(NotCopied):
     """The bodies of the street. Everything is built once; `dress` changes it for an episode.
 
     pybullet keeps the memory of meshes even when their bodies are removed, until the client is
@@ -331,14 +346,6 @@ class World:
     def close(self) -> None:
         """Disconnect from pybullet; a second call does nothing."""
         self._closing()
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """Refuse to be copied or pickled: a copy would draw and move the same bodies.
-
-        Raises:
-            UsageError: always.
-        """
-        raise not_copied()
 
     @property
     def _client(self) -> int:
@@ -599,14 +606,6 @@ def _disconnect(client: int) -> None:
     """Free a physics client; what is gone already, as at the end of a program, stays so."""
     with suppress(pybullet.error):
         pybullet.disconnect(physicsClientId=client)
-
-
-def not_copied() -> UsageError:
-    """Return the error that a street can't be copied."""
-    return UsageError(
-        "a street can't be copied or pickled: its bodies live in one renderer of this process",
-        suggestion="build another one with the same arguments; equal seeds make them equal",
-    )
 
 
 def _no_client(reason: str) -> UsageError:
