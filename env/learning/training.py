@@ -267,10 +267,12 @@ class _Record:
         )
 
     def _check_policy(self) -> None:
-        """Make sure that the best policy so far is there, and was rewarded by the same rules."""
+        """Make sure that the best policy so far can be driven by, and is of the same rules."""
         try:
             check_exists(self._policy.path)
-            card = self._policy.card()
+            self._policy.network()
+            if self._codebook is not None:
+                self._policy.codebook()
         except UsageError as error:
             raise FileError(
                 f"{error.message}, though '{self._evaluations.file}' has its evaluation",
@@ -278,7 +280,7 @@ class _Record:
                 suggestion=f"put it back, or remove '{self._evaluations.file.name}': the next "
                 "evaluation writes a policy",
             ) from None
-        if card.knowledge_base_hash != self._rules.hash:
+        if self._policy.card().knowledge_base_hash != self._rules.hash:
             raise other_rules(self.folder, self._rules)
 
 

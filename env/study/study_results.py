@@ -73,6 +73,17 @@ class TrainingResult:
     evaluations: tuple[Mapping[str, float], ...]
     curve: tuple[CurvePoint, ...]
 
+    def __post_init__(self) -> None:
+        """Refuse evaluations that lack what figures are drawn from.
+
+        Raises:
+            ValueError: one does.
+        """
+        for number, evaluation in enumerate(self.evaluations, start=1):
+            missing = {"steps", "success"} - evaluation.keys()
+            if missing:
+                raise ValueError(f"evaluation {number} has no {min(missing)}")
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -117,6 +128,18 @@ class Trajectory:
     reward: tuple[float, ...]
     confidences: Mapping[str, tuple[float, ...]]
     weights: Mapping[str, tuple[float, ...]]
+
+    def __post_init__(self) -> None:
+        """Refuse sequences that are empty or of different lengths.
+
+        Raises:
+            ValueError: they are.
+        """
+        columns = (self.position, self.speed, self.action, self.distance, self.reward)
+        named = (*self.confidences.values(), *self.weights.values())
+        lengths = {len(column) for column in (*columns, *named)}
+        if len(lengths) != 1 or 0 in lengths:
+            raise ValueError("not every sequence has a number for each step")
 
 
 class StudyFolder:

@@ -3,6 +3,8 @@
 import contextlib
 import json
 import logging
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +17,14 @@ from env.cli import app
 from env.driving.policies import file_hash
 from env.driving.policy_files import PolicyFile, act, actor_of, load_actor
 from env.driving.setup import Setup, changed, load_setup, setup_names
+from env.evaluation.folder_lock import locked
 from env.learning import training
 from env.learning.journal import History
 from env.learning.new_model import new_model, untrained_model
 from env.learning.training import train
 from env.learning.vector_streets import make_streets
 from sfol import KnowledgeBase
-from sfol.errors import UsageError
+from sfol.errors import SfolError, UsageError
 
 SETUPS = Path(__file__).parents[3] / "setups"
 SMALL = """
@@ -464,3 +467,93 @@ def test_a_folder_belongs_to_one_setup(setup_file, tmp_path):
     (folder / "setup.json").write_text(json.dumps(other))
     with pytest.raises(UsageError, match="another setup"):
         train(load_setup(setup_file), folder)
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """The folder of a training that has ended; tests copy it."""
+    folder = tmp_path_factory.mktemp("ended")
+    train(Setup.model_validate(yaml.safe_load(SMALL)), folder)
+    return folder
+
+
+@pytest.fixture
+def run(ended, tmp_path):
+    return Path(shutil.copytree(ended, tmp_path / "run"))
+
+
+def content_of(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        ("setup.json", b"{", r"setup\.json' can't be read as a setup: Invalid JSON.*remove it"),
+        ("setup.json", b"\xff", r"setup\.json' can't be read as a setup"),
+        ("setup.json", b'{"version": 1}', r"setup\.json' can't be read as a setup: name: Field"),
+        ("evaluations.jsonl", b"7\n", r"evaluations\.jsonl:1: this is no row.*remove the line"),
+        ("episodes.jsonl", b"{}\n", r"episodes\.jsonl:1: this is no row.*remove the line"),
+        ("policy.json", b"{}", r"policy\.json' is no card of a policy: setup: Field required"),
+        ("policy.json", None, r"policy\.json' is no card of a policy: No such file.*put it back"),
+        ("policy.safetensors", b"", r"policy\.safetensors' can't be read"),
+        ("policy.safetensors", None, r"no policy file '.*', though '.*' has its evaluation"),
+    ],
+)
+def test_a_damaged_file_is_named_and_nothing_is_lost(setup_file, run, name, damage, message):
+    if damage is None:
+        (run / name).unlink()
+    else:
+        (run / name).write_bytes(damage)
+    before = content_of(run)
+    command = ["train", "--setup", str(setup_file), "--output", str(run)]
+    done = CliRunner().invoke(app, command)
+    assert isinstance(done.exception, UsageError), done.exception
+    assert re.search(message, str(done.exception)), done.exception
+    assert content_of(run) == before
+
+
+def test_a_policy_that_is_missing_is_written_anew_as_the_error_says(setup_file, run):
+    for name in ("policy.safetensors", "evaluations.jsonl"):
+        (run / name).unlink()
+    trained = train(load_setup(setup_file), run)
+    assert [row["steps"] for row in trained.evaluations] == [64]
+    assert PolicyFile(trained.policy).network()
+
+
+def test_a_setup_from_before_there_was_an_option_is_the_same(setup_file, run):
+    content = json.loads((run / "setup.json").read_text())
+    del content["learning"]["whitening_steps"]
+    (run / "setup.json").write_text(json.dumps(content))
+    assert train(load_setup(setup_file), run).steps == 64
+
+
+@pytest.mark.parametrize("has_ended", [True, False])
+def test_a_training_does_not_go_on_when_its_rules_have_changed(
+    setup_file, run, has_ended, monkeypatch
+):
+    if not has_ended:
+        (run / "evaluations.jsonl").unlink()
+    before = content_of(run)
+    monkeypatch.setattr(KnowledgeBase, "hash", "other")
+    with pytest.raises(SfolError, match=r"under other rules: 'crossing' has changed since"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before
+
+
+def test_two_trainings_do_not_share_a_folder(setup_file, run):
+    before = content_of(run)
+    with locked(run), pytest.raises(SfolError, match="in use by process"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before
+
+
+def test_a_record_that_can_t_be_read_forgets_nothing(setup_file, run):
+    """Without a checkpoint that can be read a training would begin anew, and its record with it."""
+    for path in run.glob("checkpoint-*"):
+        path.write_bytes(b"half a checkpoint")
+    (run / "evaluations.jsonl").unlink()
+    before = content_of(run)
+    with pytest.raises(UsageError, match=r"no checkpoint in .* can be read \(put one back"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before
