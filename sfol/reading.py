@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import BinaryIO
 
+from pydantic import ValidationError
+
 from sfol.errors import FileError, Place
 
 MAXIMUM_BYTES = 1_000_000
@@ -50,6 +52,21 @@ def text_of(path: Path) -> str:
         return content.decode()
     except UnicodeDecodeError as error:
         raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
+
+
+def first_reason(error: Exception) -> str:
+    """Return the first thing that is wrong, in one line.
+
+    Args:
+        error: of the operating system, of pydantic, or of a library that reads files.
+    """
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        return f"{key}: {first['msg']}" if key else first["msg"]
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _unreadable(path: Path, what: str, reason: str) -> FileError:

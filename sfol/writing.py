@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -38,8 +40,32 @@ def replacing(path: Path, *, follow_link: bool = False) -> Iterator[Path]:
             shutil.copymode(target, part)
         os.replace(part, target)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"'{path}' can't be written: {reason}", name=str(path)) from None
+        raise unwritable(path, error) from None
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def check_writable(*paths: Path) -> None:
+    """Make sure that files can be written, before the work that they are written for.
+
+    Missing folders are made; nothing else is changed.
+
+    Raises:
+        UsageError: one can't be.
+    """
+    for path in paths:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path.parent):
+                pass
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        except OSError as error:
+            raise unwritable(path, error) from None
+
+
+def unwritable(path: Path, error: OSError) -> UsageError:
+    """Return the error that a file or a folder can't be written."""
+    reason = error.strerror or str(error)
+    return UsageError(f"'{path}' can't be written: {reason}", name=str(path))

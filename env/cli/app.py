@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from sfol.cli import run
+from sfol.errors import SfolError
 
 app = typer.Typer(
     help="""The bundled street: an occluded pedestrian crossing, driven, explained and measured.
@@ -21,7 +22,20 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; errors of ours end with exit code 2 and no traceback."""
-    run(app, prog_name="aeb")
+    run(_run, prog_name="aeb")
+
+
+def _run(**arguments: str) -> None:
+    """Run it, and make an error of ours of what the operating system refuses.
+
+    Raises:
+        SfolError: it has refused what no other place foresees, such as a byte on a full disk.
+    """
+    try:
+        app(**arguments)
+    except OSError as error:
+        where = f"'{error.filename}': " if error.filename else ""
+        raise SfolError(f"{where}{error.strerror or error}") from error
 
 
 @app.callback()

@@ -16,7 +16,7 @@ from env.cli.options import RulesOption
 def demo(
     rules: RulesOption = "crossing",
     output: Annotated[Path, typer.Option(help="Folder for report.html.")] = Path("runs/demo"),
-    seed: Annotated[int, typer.Option(help="Added to the seeds of the episodes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Added to the seeds of the episodes.")] = 0,
 ) -> None:
     """Drive five episodes, explain the most dangerous moment, write a report.
 

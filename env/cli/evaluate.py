@@ -43,7 +43,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     perception: PerceptionOption = "simulator",
     rules: RulesOption = "crossing",
     seed: Annotated[
-        int, typer.Option(help="Of the first episode; the others follow.")
+        int, typer.Option(min=0, help="Of the first episode; the others follow.")
     ] = FINAL_TEST.start,
     hazard: Annotated[
         bool, typer.Option(help="Without hazard nobody crosses, and whoever brakes errs.")
@@ -85,6 +85,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     from env.cli import tables
     from env.driving.policies import make_driver
     from env.evaluation.evaluate import Drive, evaluate
+    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.evaluation.results import ResultFolder
     from env.evaluation.returns import REFERENCE_BEHAVIOURS
@@ -103,15 +104,17 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
         for name, where in product(names, _cells(cell, traffic, occlusion))
     ]
     folder = ResultFolder(output)
-    results = {drive: None if again else folder.find(drive, log=record) for drive in drives}
-    missing = [drive for drive, result in results.items() if result is None]
-    if len(missing) < len(drives):
-        console.print(f"{len(drives) - len(missing)} of {len(drives)} cells are there already.")
-    with counting(console, sum(drive.episodes for drive in missing), "episodes") as bar:
-        driven = evaluate(missing, workers=workers or cores(), logs=record)
-        for drive in missing:
-            counted = bar.count(f"{drive.driver}, {drive.cell}", islice(driven, drive.episodes))
-            results[drive] = folder.write(drive, counted, _command(drive, rules), log=record)
+    with locked(output):
+        folder.check(drives)
+        results = {drive: None if again else folder.find(drive, log=record) for drive in drives}
+        missing = [drive for drive, result in results.items() if result is None]
+        if len(missing) < len(drives):
+            console.print(f"{len(drives) - len(missing)} of {len(drives)} cells are there already.")
+        with counting(console, sum(drive.episodes for drive in missing), "episodes") as bar:
+            driven = evaluate(missing, workers=workers or cores(), logs=record)
+            for drive in missing:
+                counted = bar.count(f"{drive.driver}, {drive.cell}", islice(driven, drive.episodes))
+                results[drive] = folder.write(drive, counted, _command(drive, rules), log=record)
     complete = [result for result in results.values() if result is not None]
     tables.print_results(console, complete)
     if returns:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -14,6 +14,10 @@ from env.cli.options import CellOption, DriversOption, WorkersOption
 from env.cli.progress import counters
 from env.driving.setup import load_setup
 from env.world.cells import CELLS, Cell
+from sfol.writing import check_writable
+
+if TYPE_CHECKING:
+    from env.study.study import StudyPlan
 
 
 @app.command()
@@ -63,9 +67,10 @@ def study(  # noqa: PLR0913 (each is an option)
 
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
+    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.study.figures.products import make_products
-    from env.study.study import StudyPlan, run_study
+    from env.study.study import StudyPlan
     from env.study.study_results import StudyFolder
 
     console = Console(highlight=False)
@@ -80,6 +85,18 @@ def study(  # noqa: PLR0913 (each is an option)
         trainings=trainings or (folder / "trainings" if in_short else Path("runs/train")),
         results=StudyFolder(folder),
     )
+    figures = folder / "figures"
+    with locked(folder):
+        check_writable(figures / "collision_test.md")
+        _run(plan, console)
+        console.print(f"Results: {folder}", soft_wrap=True)
+        make_products(folder, drivers, figures, console)
+
+
+def _run(plan: StudyPlan, console: Console) -> None:
+    """Run a study, with a bar for each of its parts."""
+    from env.study.study import run_study
+
     with counters(console, "") as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -91,8 +108,6 @@ def study(  # noqa: PLR0913 (each is an option)
             bars.update(tasks[what], completed=done)
 
         run_study(plan, show)
-    console.print(f"Results: {folder}", soft_wrap=True)
-    make_products(folder, drivers, folder / "figures", console)
 
 
 def _papers() -> list[str]:

@@ -13,6 +13,7 @@ import sfol
 from env.cli.app import app
 from env.cli.options import DriverOption, PerceptionOption, RulesOption, TrustOption, WorkersOption
 from env.cli.progress import counting
+from sfol.writing import check_writable
 
 
 @app.command("sweep")
@@ -21,7 +22,7 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
     driver: DriverOption = None,
     perception: PerceptionOption = "simulator",
     rules: RulesOption = "crossing",
-    seed: Annotated[int, typer.Option(help="Of the street's looks.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the street's looks.")] = 0,
     workers: WorkersOption = None,
     output: Annotated[Path, typer.Option(help="Folder of sweep.json.")] = Path("runs/sweep"),
     trust: TrustOption = False,
@@ -37,6 +38,7 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
     """
     from env.cli import tables
     from env.driving.policies import make_driver
+    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.evaluation.results import SweepResult, versions, write_json
     from env.evaluation.sweep import APPROACHES, Sweep, run_sweeps
@@ -47,13 +49,14 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
     for name in names:
         make_driver(name, trust=trust)  # so that a mistake shows before anybody drives
     sweeps = [Sweep(name, kb, perception=perception, seed=seed, trust=trust) for name in names]
-    results = []
-    with counting(console, len(sweeps) * len(APPROACHES), "approaches") as bar:
-        driven = run_sweeps(sweeps, workers or cores())
-        for name in names:
-            results.append(list(bar.count(name, islice(driven, len(APPROACHES)))))
-            console.print(tables.sweep_table(name, results[-1]))
-    file = output / "sweep.json"
-    approaches = tuple(result for some in results for result in some)
-    write_json(file, SweepResult(perception, seed, kb.name, kb.hash, versions(), approaches))
+    file, results = output / "sweep.json", []
+    with locked(output):
+        check_writable(file)
+        with counting(console, len(sweeps) * len(APPROACHES), "approaches") as bar:
+            driven = run_sweeps(sweeps, workers or cores())
+            for name in names:
+                results.append(list(bar.count(name, islice(driven, len(APPROACHES)))))
+                console.print(tables.sweep_table(name, results[-1]))
+        approaches = tuple(result for some in results for result in some)
+        write_json(file, SweepResult(perception, seed, kb.name, kb.hash, versions(), approaches))
     console.print(f"Results: {file}", soft_wrap=True)

@@ -14,7 +14,9 @@ from env.cli.app import app
 def frames_command(
     split: Annotated[str, typer.Argument(help="train, validation or test: streets of their own.")],
     output: Annotated[Path, typer.Option(help="Folder for the frames.")],
-    frames: Annotated[int, typer.Option(help="How many, rounded up to whole streets.")] = 600,
+    frames: Annotated[
+        int, typer.Option(min=1, help="How many, rounded up to whole streets.")
+    ] = 600,
     pairs: Annotated[
         bool, typer.Option(help="Also the frame one control step (0.1 s) after each.")
     ] = False,
@@ -42,7 +44,7 @@ def agreement_command(
             help="Up to which distance entities count, in m.", show_default="the way to a stand"
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the first episode.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first episode.")] = 0,
     every: Annotated[int, typer.Option(min=1, help="Compare every how many steps.")] = 1,
     frames: Annotated[
         Path | None, typer.Option(help="Folder for a frame of each kind of difference.")
@@ -62,7 +64,7 @@ def agreement_command(
 @app.command("contact-sheet")
 def contact_sheet_command(
     output: Annotated[Path, typer.Argument(help="The PNG file, which is replaced.")],
-    seed: Annotated[int, typer.Option(help="Of the episode in every cell.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Of the episode in every cell.")] = 4,
 ) -> None:
     """Draw every cell at a few moments of a cautious drive.
 
@@ -104,7 +106,7 @@ def capacity_command(
     entities: Annotated[
         int, typer.Option(help="How many entities are drawn for each cell, at least.", min=1)
     ] = 100,
-    seed: Annotated[int, typer.Option(help="Of the random scenes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random scenes.")] = 0,
 ) -> None:
     """Measure how many entities a descriptor holds, and write numbers, plot and table.
 

@@ -20,11 +20,15 @@ from env.demo.moment import moment_pictures
 from env.demo.recording import coverage, drive, most_dangerous, signals_of, write_log
 from env.demo.report import Focus, Provenance, write_report
 from env.driving.policies import TRAINED, make_driver
+from env.evaluation.folder_lock import locked
 from env.street.crossing import OccludedCrossing
 from env.world.actors import Behaviour
 from env.world.cells import Traffic
 from env.world.world import Occlusion
 from sfol.facts import Facts
+from sfol.writing import check_writable
+
+_REPORT, _LOG = "report.html", "episodes.parquet"
 
 
 class DemoDrive(NamedTuple):
@@ -55,37 +59,49 @@ def run_demo(rules: str, output: Path, seed: int, console: Console) -> None:
         output: folder for report.html and episodes.parquet.
         seed: added to the seeds of the episodes.
         console: where episodes and explanation are printed.
+
+    Raises:
+        SfolError: another process has the folder, nothing can be written there, or the rules or a
+            driver can't be used.
     """
     kb = sfol.KnowledgeBase.load(rules)
-    started = time.perf_counter()
-    episodes = _drive_all([plan._replace(seed=plan.seed + seed) for plan in DEMO], kb, console)
-    seconds = time.perf_counter() - started
-    groups = {name: tuple(weight.coefficients) for name, weight in kb.weights.items()}
-    heads = [head for group in groups.values() for head in group]
+    with locked(output):
+        check_writable(output / _REPORT, output / _LOG)
+        started = time.perf_counter()
+        episodes = _drive_all([plan._replace(seed=plan.seed + seed) for plan in DEMO], kb, console)
+        seconds = time.perf_counter() - started
+        steps = sum(len(e.steps) for e in episodes)
+        focus = _explained(episodes, kb, console)
+        made = (
+            f"aeb demo --rules {rules} --seed {seed}; sfol {sfol.__version__}, Python "
+            f"{platform.python_version()}, pybullet's TinyRenderer, the simulator's segmentation; "
+            f"{steps} steps in {seconds:.0f} s"
+        )
+        path, log = output / _REPORT, output / _LOG
+        write_report(path, episodes, _groups(kb), focus, Provenance(kb.name, kb.hash, made))
+        write_log(log, episodes, kb)
+    console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
+    console.print(f"Other rules on these steps: sfol diff {rules} FILE --log {log}", soft_wrap=True)
+
+
+def _explained(episodes: Sequence[Episode], kb: sfol.KnowledgeBase, console: Console) -> Focus:
+    """Print the episodes and explain the most dangerous moment of them."""
+    heads = [head for group in _groups(kb).values() for head in group]
     which, index = most_dangerous(episodes)
     episode, step = episodes[which], episodes[which].steps[index]
     explanation = str(_explain(kb, step))
-
     _print_summary(console, episodes, coverage(episodes, heads))
     console.print(
         f"[bold]The most dangerous moment[/]: {episode.driver} in {episode.traffic} traffic with "
         f"{episode.occlusion} occlusion, second {step.time:.1f}, {_danger(episode, step)}\n"
     )
     console.print(explanation, markup=False, soft_wrap=True)
+    return Focus(which, index, explanation, moment_pictures(step, kb))
 
-    path = output / "report.html"
-    steps = sum(len(e.steps) for e in episodes)
-    made = (
-        f"aeb demo --rules {rules} --seed {seed}; sfol {sfol.__version__}, Python "
-        f"{platform.python_version()}, pybullet's TinyRenderer, the simulator's segmentation; "
-        f"{steps} steps in {seconds:.0f} s"
-    )
-    focus = Focus(which, index, explanation, moment_pictures(step, kb))
-    write_report(path, episodes, groups, focus, Provenance(kb.name, kb.hash, made))
-    log = output / "episodes.parquet"
-    write_log(log, episodes, kb)
-    console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
-    console.print(f"Other rules on these steps: sfol diff {rules} FILE --log {log}", soft_wrap=True)
+
+def _groups(kb: sfol.KnowledgeBase) -> dict[str, tuple[str, ...]]:
+    """Return the heads of each weight."""
+    return {name: tuple(weight.coefficients) for name, weight in kb.weights.items()}
 
 
 def _drive_all(

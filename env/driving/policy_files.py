@@ -17,7 +17,8 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from env.driving.setup import Setup
-from sfol.errors import UsageError
+from sfol.errors import FileError
+from sfol.reading import first_reason
 from sfol.writing import replacing
 from vsr.hypervectors.codebook import Codebook
 
@@ -77,34 +78,35 @@ class PolicyFile:
         """Return the card.
 
         Raises:
-            UsageError: there is none, or it is incomplete.
+            FileError: there is none, or it is incomplete.
         """
         try:
             return PolicyCard.model_validate_json(self._card.read_bytes())
         except (OSError, ValidationError) as error:
-            reason = str(error).splitlines()[0]
-            raise UsageError(
-                f"'{self._card}' is no card of a policy: {reason}", name=str(self._card)
+            raise FileError(
+                f"'{self._card}' is no card of a policy: {first_reason(error)}",
+                name=str(self._card),
             ) from None
 
     def network(self) -> nn.Module:
         """Return the network: observations, float32 (B, N), to pedals, float32 (B, 1).
 
         Raises:
-            UsageError: the file or the card can't be read, or holds something else.
+            FileError: the file or the card can't be read, or holds something else.
         """
         try:
             state = load_file(self.path)
         except (OSError, SafetensorError) as error:
-            raise UsageError(f"'{self.path}' can't be read: {error}", name=str(self.path)) from None
+            raise FileError(
+                f"'{self.path}' can't be read: {first_reason(error)}", name=str(self.path)
+            ) from None
         try:
             observed = state["0.weight"].shape[1]
             network = _perceptron([observed, *self.card().setup.learning.layers, 1])
             network.load_state_dict(state)
         except (KeyError, IndexError, RuntimeError) as error:
-            reason = str(error).splitlines()[0]
-            raise UsageError(
-                f"'{self.path}' holds no policy: {reason}", name=str(self.path)
+            raise FileError(
+                f"'{self.path}' holds no policy: {first_reason(error)}", name=str(self.path)
             ) from None
         return network.eval().requires_grad_(False)
 

@@ -138,7 +138,9 @@ class Setup(_Section):
         min_length=1, description="parts of the training, one after the other"
     )
     streets: Positive = Field(2, description="how many are driven at once, each in its own process")
-    seed: int = Field(0, ge=0, description="seed of the streets, the networks and the noise")
+    seed: int = Field(
+        0, ge=0, lt=2**32, description="seed of the streets, the networks and the noise"
+    )
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "

@@ -10,13 +10,14 @@ from __future__ import annotations
 import csv
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, PlainSerializer, TypeAdapter, ValidationError
 
+from env.driving.policies import file_hash
 from env.evaluation.evaluate import (
     Drive,
     DrivenEpisode,
@@ -28,15 +29,17 @@ from env.evaluation.evaluate import (
 from env.evaluation.metrics import METRICS, Pooled
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
-from sfol.errors import UsageError
+from sfol.errors import FileError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LogWriter
-from sfol.writing import replacing
+from sfol.reading import first_reason
+from sfol.writing import check_writable, replacing
 
 Content = TypeVar("Content")
 
-# 1: without a version. 2: the same, with it.
-SCHEMA_VERSION = 2
+# 1: without a version. 2: the same, with it. 3: with the hashes of the files beside it.
+SCHEMA_VERSION = 3
+_BESIDE = (".csv", ".parquet")  # the files of a drive beside its result
 _PACKAGES = ("sfol", "numpy", "pybullet", "stable-baselines3", "torch")
 
 
@@ -67,6 +70,7 @@ class DriveResult:
         command: makes it again.
         versions: of the software that made it.
         summary: what was measured.
+        files: ending → hash of the file that was written with it, ``.csv`` and ``.parquet``.
     """
 
     settings: Settings
@@ -74,6 +78,7 @@ class DriveResult:
     versions: Mapping[str, str]
     summary: Annotated[Summary, BeforeValidator(_nested), PlainSerializer(_flat)]
     schema_version: Annotated[int, Field(ge=1, le=SCHEMA_VERSION)] = 1
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -115,15 +120,28 @@ class ResultFolder:
     def find(self, drive: Drive, *, log: bool = False) -> DriveResult | None:
         """Return the result of a drive if it is there, made with the very same settings.
 
+        It is not if a file beside it is missing, or is another drive's.
+
         Args:
             drive: a driver in a cell.
             log: whether its log has to be there as well.
         """
-        file = self.file(drive)
-        if not file.exists() or (log and not self.file(drive, ".parquet").exists()):
+        if not self.file(drive).exists():
             return None
-        result = read_json(file, DriveResult)
-        return result if result.settings == drive.settings else None
+        result = read_json(self.file(drive), DriveResult)
+        if result.settings != drive.settings or (log and ".parquet" not in result.files):
+            return None
+        return result if result.files.items() <= self._hashes(drive).items() else None
+
+    def check(self, drives: Iterable[Drive]) -> None:
+        """Make sure that results can be written here, before anybody drives.
+
+        Raises:
+            UsageError: a file can't be written, or one that is there can't be read.
+        """
+        files = [self.file(drive, suffix) for drive in drives for suffix in (".json", *_BESIDE)]
+        check_writable(self._path / "summary.csv", *files)
+        self.all()
 
     def write(
         self, drive: Drive, episodes: Iterable[DrivenEpisode], command: str, *, log: bool = False
@@ -141,10 +159,17 @@ class ResultFolder:
             if log
             else [episode.result for episode in episodes]
         )
-        result = DriveResult(
-            drive.settings, command, versions(), summarize(results), SCHEMA_VERSION
-        )
+        if not log:  # one that is there is of another drive
+            self.file(drive, ".parquet").unlink(missing_ok=True)
         write_csv(self.file(drive, ".csv"), [_episode_row(one) for one in results])
+        result = DriveResult(
+            settings=drive.settings,
+            command=command,
+            versions=versions(),
+            summary=summarize(results),
+            schema_version=SCHEMA_VERSION,
+            files=self._hashes(drive),
+        )
         write_json(self.file(drive), result)
         self._write_table()
         return result
@@ -152,6 +177,11 @@ class ResultFolder:
     def all(self) -> list[DriveResult]:
         """Return all results, by driver and cell."""
         return [read_json(file, DriveResult) for file in sorted(self._path.glob("*/*.json"))]
+
+    def _hashes(self, drive: Drive) -> dict[str, str]:
+        """Return the hashes of the files that are there beside the result."""
+        files = {suffix: self.file(drive, suffix) for suffix in _BESIDE}
+        return {suffix: file_hash(file) for suffix, file in files.items() if file.exists()}
 
     def _write_table(self) -> None:
         write_csv(self._path / "summary.csv", [_summary_row(result) for result in self.all()])
@@ -168,14 +198,13 @@ def read_json(path: Path, kind: type[Content]) -> Content:
     """Read what `write_json` has written.
 
     Raises:
-        UsageError: the file holds something else.
+        FileError: the file can't be read, or holds something else.
     """
     try:
         return TypeAdapter(kind).validate_json(path.read_bytes())
     except (ValidationError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise UsageError(
-            f"'{path}' can't be read as a result: {reason}",
+        raise FileError(
+            f"'{path}' can't be read as a result: {first_reason(error)}",
             name=str(path),
             suggestion="remove it, or name another --output",
         ) from None

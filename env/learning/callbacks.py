@@ -19,16 +19,21 @@ _RECENT = 50  # episodes whose successes the progress tells
 
 
 class BetweenUpdates(BaseCallback):
-    """Does something between two updates, when that many steps have passed since the last time."""
+    """Does something between two updates, when that many steps have passed since the last time.
 
-    def __init__(self, interval: int, action: Callable[[BaseAlgorithm], None]) -> None:
+    Args:
+        interval: of steps.
+        action: what is done with the model.
+        last: how many steps were done the last time, be it before the training was stopped.
+    """
+
+    def __init__(
+        self, interval: int, action: Callable[[BaseAlgorithm], None], *, last: int
+    ) -> None:
         super().__init__()
         self._interval = interval
         self._action = action
-        self._last = 0
-
-    def _on_training_start(self) -> None:
-        self._last = self.num_timesteps
+        self._last = last
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps - self._last >= self._interval:

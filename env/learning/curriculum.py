@@ -11,9 +11,10 @@ import numpy.typing as npt
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import TRAINING
 from env.world.cells import Cell
+from env.world.world import NotCopied
 
 
-class StreetsInTurn(gymnasium.Env[Any, npt.NDArray[np.float32]]):
+class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """Draws a cell for every episode. A cell's street is built when it is needed first, and kept.
 
     Every info has ``traffic`` and ``occlusion`` of the cell as well.

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sfol.writing import replacing
+from sfol.errors import FileError, Place
+from sfol.writing import replacing, unwritable
 
 Row = dict[str, Any]
 
@@ -17,29 +19,61 @@ class History:
 
     Args:
         file: where they are; it is made with the first row.
+        numbers: the keys that each row has, of numbers.
     """
 
-    def __init__(self, file: Path) -> None:
-        self._file = file
+    def __init__(self, file: Path, numbers: Sequence[str]) -> None:
+        self.file = file
+        self._numbers = numbers
 
     def rows(self) -> list[Row]:
-        """Return all rows. The last one is left out if a killed process left half of it."""
-        if not self._file.exists():
+        """Return all rows. The last one is left out if a killed process left half of it.
+
+        Raises:
+            FileError: the file can't be read, or holds something else.
+        """
+        if not self.file.exists():
             return []
-        *whole, _ = self._file.read_text(encoding="utf-8").split("\n")
-        return [json.loads(line) for line in whole]
+        try:
+            *whole, _ = self.file.read_bytes().split(b"\n")
+        except OSError as error:
+            raise FileError(
+                f"'{self.file}' can't be read: {error.strerror}", name=str(self.file)
+            ) from None
+        return [self._row(number, line) for number, line in enumerate(whole, start=1)]
 
     def append(self, row: Row) -> None:
-        """Write a row."""
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        """Write a row.
+
+        Raises:
+            UsageError: the file can't be written.
+        """
+        try:
+            with self.file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise unwritable(self.file, error) from None
 
     def go_back_to(self, steps: int) -> None:
         """Forget the rows after a step: training goes on from there, and they will come again."""
         kept = [row for row in self.rows() if row["steps"] <= steps]
-        if self._file.exists():
-            with replacing(self._file) as part:
+        if self.file.exists():
+            with replacing(self.file) as part:
                 part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+
+    def _row(self, number: int, line: bytes) -> Row:
+        try:
+            row = json.loads(line)
+            if all(isinstance(row[key], int | float) for key in self._numbers):
+                return row
+        except (ValueError, RecursionError, LookupError, TypeError):  # no JSON, or something else
+            pass
+        raise FileError(
+            f"this is no row of a training, with numbers for {', '.join(self._numbers)}",
+            name=str(self.file),
+            suggestion="remove the line",
+            place=Place(str(self.file), number),
+        )
 
 
 class Clock:

@@ -18,7 +18,7 @@ from env.driving.setup import Setup
 from env.learning.actor_critic import ActorCritic, Networks
 from env.learning.callbacks import Progress
 from env.street.observation import STATE_FIELDS
-from sfol.errors import UsageError
+from sfol.errors import SfolError, UsageError
 from vsr.hypervectors.codebook import Codebook
 
 Array = npt.NDArray[np.float32]
@@ -115,11 +115,35 @@ def new_model(setup: Setup, streets: VecEnv, progress: Progress = lambda steps, 
     return model
 
 
+class FinitePPO(PPO):
+    """PPO that ends when its weights are no longer numbers; stable-baselines3's would go on."""
+
+    def train(self) -> None:
+        """Do an update.
+
+        Raises:
+            SfolError: it has left weights that are not finite.
+        """
+        super().train()
+        if not is_finite(self):
+            raise SfolError(
+                f"the training has diverged: after {self.num_timesteps} steps, not all weights are "
+                "finite numbers",
+                suggestion="a smaller learning_rate or reward_scale, and another --output; the "
+                "last checkpoint and the best policy are kept",
+            )
+
+
+def is_finite(model: PPO) -> bool:
+    """Tell whether all numbers of a model's networks are finite."""
+    return all(bool(tensor.isfinite().all()) for tensor in model.policy.state_dict().values())
+
+
 def untrained_model(setup: Setup, streets: VecEnv) -> PPO:
     """Return a model with a setup's hyperparameters that has seen nothing."""
     learning = setup.learning
     layers = list(learning.layers)
-    model = PPO(
+    model = FinitePPO(
         ActorCritic,
         streets,
         seed=setup.seed,

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from pydantic import ValidationError
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
@@ -22,9 +20,10 @@ from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
 import sfol
-from env.driving.policies import file_hash
+from env.driving.policies import check_exists, file_hash
 from env.driving.policy_files import PolicyCard, PolicyFile
 from env.driving.setup import Setup
+from env.evaluation.folder_lock import locked
 from env.evaluation.parallel import cores
 from env.evaluation.results import versions
 from env.learning.callbacks import (
@@ -36,20 +35,23 @@ from env.learning.callbacks import (
     ProgressReport,
     RewardParts,
 )
+from env.learning.checkpoints import Checkpoints, other_rules
 from env.learning.journal import Clock, History, Row
-from env.learning.new_model import DEVICE, codebook_of, new_model, start_of
+from env.learning.new_model import codebook_of, new_model, start_of
 from env.learning.vector_streets import make_streets
 from env.street.seeds import EVALUATION
 from env.world.cells import Cell
-from sfol.errors import UsageError
+from sfol.errors import FileError, UsageError
+from sfol.knowledge_base import KnowledgeBase
+from sfol.reading import first_reason
 from sfol.writing import replacing
-
-log = logging.getLogger(__name__)
 
 # Of what streets draw: cells, and the seeds of their episodes.
 _TRAINING_DRAWS = 1_000_000_000
 _EVALUATION_DRAWS = 2_000_000_000
-_KEPT_CHECKPOINTS = 3
+# The numbers that each row has, of an episode and of an evaluation.
+_EPISODE = ("steps", "seconds", "return", "is_success", "collision", "timeout")
+_EVALUATION = ("steps", "seconds", "return", "success")
 
 
 @dataclass(frozen=True)
@@ -83,24 +85,25 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
 
     Raises:
         UsageError: the folder holds the training of another setup, or the policy to start from
-            can't be used.
+            can't be used, or a file of the folder is damaged.
+        SfolError: another process has the folder, it holds a training under other rules, a street's
+            process ended, or the training has diverged.
     """
     start_of(setup)  # refused before anything is written
-    folder.mkdir(parents=True, exist_ok=True)
-    _claim(folder, setup)
-    evaluations = History(folder / "evaluations.jsonl").rows()
-    if evaluations and evaluations[-1]["steps"] >= setup.steps:
-        steps = evaluations[-1]["steps"]
-        return _Record(setup, folder, steps).trained(steps)
-    with _threads_for(setup):
-        return _train(setup, folder, progress)
+    rules = sfol.KnowledgeBase.load(*setup.rules)
+    with locked(folder), _threads_for(setup):
+        _claim(folder, setup)
+        record = _Record(setup, rules, folder)
+        if record.last_evaluation >= setup.steps:
+            return record.trained(record.last_evaluation)
+        return _train(setup, record, Checkpoints(folder, rules), progress)
 
 
-def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
+def _train(setup: Setup, record: _Record, checkpoints: Checkpoints, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
     streets = make_streets(setup, setup.stages[0].cells, _TRAINING_DRAWS)
     try:
-        model = _last_model(streets, folder)
+        model = checkpoints.last_model(setup, streets)
         done = model.num_timesteps if model else 0
         if done < setup.steps:
             # All at once: later, the others would wait whenever one builds, for seconds each time.
@@ -109,31 +112,40 @@ def _train(setup: Setup, folder: Path, progress: Progress) -> Trained:
         if model is None:
             model = new_model(setup, streets, progress)
         # The model has given the streets its own seed; and a training that goes on meets new ones.
-        streets.seed(_TRAINING_DRAWS + 1_000_000 * setup.seed + model.num_timesteps)
-        record = _Record(setup, folder, model.num_timesteps)
-        model.set_logger(configure(str(folder), ["tensorboard"]))
-        callbacks: list[BaseCallback] = [
-            Curriculum(setup),
-            LessNoise(setup),
-            RewardParts(),
-            Episodes(record.episode),
-            BetweenUpdates(setup.checkpoint_steps, partial(_checkpoint, folder)),
-            BetweenUpdates(setup.evaluation_steps, record.evaluate),
-            ProgressReport(setup, progress),
-        ]
-        if setup.start and not record.evaluated:
-            record.evaluate(model)  # nothing worse than it started from is to come of a training
-        if model.num_timesteps < setup.steps:
-            model.learn(
-                setup.steps - model.num_timesteps,
-                callback=CallbackList(callbacks),
-                reset_num_timesteps=False,
-            )
-            _checkpoint(folder, model)
-        record.evaluate(model)
+        streets.seed(_TRAINING_DRAWS + 1_000_000 * setup.seed + done)
+        record.go_back_to(done)
+        _learn(model, setup, record, checkpoints, progress)
     finally:
         streets.close()
     return record.trained(model.num_timesteps)
+
+
+def _learn(
+    model: PPO, setup: Setup, record: _Record, checkpoints: Checkpoints, progress: Progress
+) -> None:
+    """Let a model learn to its last step, evaluations and checkpoints included."""
+
+    def evaluate(model: BaseAlgorithm) -> None:
+        checkpoints.write(model)  # a training that goes on does not forget what was found
+        record.evaluate(model)
+
+    model.set_logger(configure(str(record.folder), ["tensorboard"]))
+    if setup.start and record.last_evaluation < 0:
+        record.evaluate(model)  # nothing worse than it started from is to come of a training
+    done, evaluated = model.num_timesteps, max(record.last_evaluation, 0)
+    callbacks: list[BaseCallback] = [
+        Curriculum(setup),
+        LessNoise(setup),
+        RewardParts(),
+        Episodes(record.episode),
+        BetweenUpdates(setup.checkpoint_steps, checkpoints.write, last=done),
+        BetweenUpdates(setup.evaluation_steps, evaluate, last=evaluated),
+        ProgressReport(setup, progress),
+    ]
+    if done < setup.steps:
+        model.learn(setup.steps - done, callback=CallbackList(callbacks), reset_num_timesteps=False)
+        checkpoints.write(model)
+    record.evaluate(model)
 
 
 @contextmanager
@@ -151,39 +163,27 @@ def _threads_for(setup: Setup) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-# -- checkpoints ----------------------------------------------------------------------------------
-
-
 def _claim(folder: Path, setup: Setup) -> None:
     """Write down whose folder it is, or make sure that it is this setup's."""
-    file, text = folder / "setup.json", setup.model_dump_json(indent=2)
+    file = folder / "setup.json"
     if not file.exists():
         with replacing(file) as part:
-            part.write_text(text, encoding="utf-8")
-    elif json.loads(file.read_text(encoding="utf-8")) != json.loads(text):
+            part.write_text(setup.model_dump_json(indent=2), encoding="utf-8")
+        return
+    try:
+        known = Setup.model_validate_json(file.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise FileError(
+            f"'{file}' can't be read as a setup: {first_reason(error)}",
+            name=str(file),
+            suggestion="remove it if the folder holds this setup's training; else another --output",
+        ) from None
+    if known != setup:
         raise UsageError(
             f"'{folder}' holds the training of another setup",
             name=str(folder),
             suggestion=f"another --output, or the setup in {file}",
         )
-
-
-def _last_model(streets: VecEnv, folder: Path) -> PPO | None:
-    """Return the model of the last checkpoint that can be read; None where there is none."""
-    for path in sorted(folder.glob("checkpoint-*.zip"), reverse=True):
-        try:
-            return PPO.load(path, env=streets, device=DEVICE)
-        except Exception as error:  # whatever unpickling half a file may raise
-            log.warning("%s can't be read and is skipped: %s", path, error)
-    return None
-
-
-def _checkpoint(folder: Path, model: BaseAlgorithm) -> None:
-    """Save a model, whole or not at all, beside the last few, and remove older ones."""
-    with replacing(folder / f"checkpoint-{model.num_timesteps:09d}.zip") as part:
-        model.save(part)
-    for old in sorted(folder.glob("checkpoint-*.zip"))[:-_KEPT_CHECKPOINTS]:
-        old.unlink()
 
 
 # -- what is written down -------------------------------------------------------------------------
@@ -194,18 +194,30 @@ class _Record:
 
     Args:
         setup: what is trained.
+        rules: that reward it.
         folder: of the training.
-        steps: that are done already; what is written of later ones is forgotten.
+
+    Raises:
+        UsageError: a file is damaged or missing.
+        SfolError: the training was under other rules.
     """
 
-    def __init__(self, setup: Setup, folder: Path, steps: int) -> None:
+    def __init__(self, setup: Setup, rules: KnowledgeBase, folder: Path) -> None:
+        self.folder = folder
         self._setup = setup
+        self._rules = rules
         start = start_of(setup)
         self._start_hash = file_hash(start.path) if start else None
         self._codebook = codebook_of(setup)
-        self._episodes = History(folder / "episodes.jsonl")
-        self._evaluations = History(folder / "evaluations.jsonl")
+        self._episodes = History(folder / "episodes.jsonl", _EPISODE)
+        self._evaluations = History(folder / "evaluations.jsonl", _EVALUATION)
         self._policy = PolicyFile(folder / "policy.safetensors")
+        self._clock = Clock(0.0)
+        if self._evaluations.rows():
+            self._check_policy()
+
+    def go_back_to(self, steps: int) -> None:
+        """Forget what is written of later steps, and let the clock go on."""
         histories = (self._episodes, self._evaluations)
         for history in histories:
             history.go_back_to(steps)
@@ -213,9 +225,9 @@ class _Record:
         self._clock = Clock(max(past, default=0.0))
 
     @property
-    def evaluated(self) -> bool:
-        """Whether there has been an evaluation."""
-        return bool(self._evaluations.rows())
+    def last_evaluation(self) -> int:
+        """How many steps were done at the last evaluation; -1 where there was none."""
+        return max((row["steps"] for row in self._evaluations.rows()), default=-1)
 
     def episode(self, steps: int, info: dict[str, Any]) -> None:
         """Write down an episode that ended."""
@@ -244,16 +256,32 @@ class _Record:
         return Trained(self._policy.path, steps, seconds, tuple(evaluations), tuple(episodes))
 
     def _card(self, steps: int, evaluation: dict[str, float]) -> PolicyCard:
-        kb = sfol.KnowledgeBase.load(*self._setup.rules)
         return PolicyCard(
             setup=self._setup,
             start_hash=self._start_hash,
             steps=steps,
-            knowledge_base=kb.name,
-            knowledge_base_hash=kb.hash,
+            knowledge_base=self._rules.name,
+            knowledge_base_hash=self._rules.hash,
             evaluation=evaluation,
             versions=versions(),
         )
+
+    def _check_policy(self) -> None:
+        """Make sure that the best policy so far can be driven by, and is of the same rules."""
+        try:
+            check_exists(self._policy.path)
+            self._policy.network()
+            if self._codebook is not None:
+                self._policy.codebook()
+        except UsageError as error:
+            raise FileError(
+                f"{error.message}, though '{self._evaluations.file}' has its evaluation",
+                name=error.name,
+                suggestion=f"put it back, or remove '{self._evaluations.file.name}': the next "
+                "evaluation writes a policy",
+            ) from None
+        if self._policy.card().knowledge_base_hash != self._rules.hash:
+            raise other_rules(self.folder, self._rules)
 
 
 def _goodness(evaluation: Row) -> tuple[float, float]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
+from multiprocessing.connection import wait
+from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -28,8 +32,11 @@ from env.street.observation import STATE_FIELDS, Observer, PrivilegedObserver, o
 from env.street.seeds import TRAINING
 from env.world.camera import DashCameraParameters
 from env.world.cells import Cell
+from sfol.errors import SfolError
 
 Array = npt.NDArray[np.float32]
+
+_PATIENCE = 5.0  # s, with a process that has stopped answering
 
 
 def make_streets(
@@ -46,13 +53,16 @@ def make_streets(
         seed: of the first street's draws; the others follow.
         seeds: to draw those of the episodes from.
         count: how many streets; the setup's number by default.
+
+    Raises:
+        SfolError: a street can't be made, or its process ended.
     """
     make: Callable[[], Any] = partial(_street, setup, tuple(cells), seeds)
     number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
         if number == 1
-        else SubprocVecEnv([partial(_in_one_thread, make)] * number, start_method="spawn")
+        else StreetProcesses([partial(_in_one_thread, make)] * number)
     )
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
@@ -94,10 +104,99 @@ def _street(setup: Setup, cells: tuple[Cell, ...], seeds: range) -> StreetsInTur
     )
 
 
-def _in_one_thread(make: Callable[[], Any]) -> Any:
+def _in_one_thread(make: Callable[[], StreetsInTurn]) -> gymnasium.Env[Any, Any]:
     """Make a worker's streets; there is a worker for each processor already."""
     torch.set_num_threads(1)
-    return make()
+    try:
+        return make()
+    except SfolError as error:
+        return _NoStreet(error)
+
+
+class _NoStreet(gymnasium.Env[Any, Any]):
+    """What a worker has that could not make its streets: it is asked for their spaces first."""
+
+    def __init__(self, error: SfolError) -> None:
+        self.observation_space: Any = error
+        self.action_space: Any = error
+
+
+class StreetProcesses(SubprocVecEnv):
+    """Streets in processes of their own; what goes wrong there is an error here.
+
+    Args:
+        makes: make the streets, each in its process.
+
+    Raises:
+        SfolError: a street can't be made, or its process ended; so do all methods.
+    """
+
+    def __init__(self, makes: list[Callable[[], gymnasium.Env[Any, Any]]]) -> None:
+        with self._watched():
+            super().__init__(makes, start_method="spawn")
+        if isinstance(self.observation_space, SfolError):
+            self.close()
+            raise self.observation_space
+
+    def reset(self) -> VecEnvObs:
+        """Start an episode in every street."""
+        with self._watched():
+            return super().reset()
+
+    def step_async(self, actions: npt.NDArray[Any]) -> None:
+        """Tell every street what to do."""
+        with self._watched():
+            super().step_async(actions)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Return what came of it."""
+        with self._watched():
+            return super().step_wait()
+
+    def env_method(self, method_name: str, *arguments: Any, **options: Any) -> list[Any]:
+        """Call a method of the streets."""
+        with self._watched():
+            return super().env_method(method_name, *arguments, **options)
+
+    def close(self) -> None:
+        """End the processes, of which some may have ended; a second call does nothing."""
+        if self.closed:
+            return
+        self.closed = True
+        pairs = tuple(zip(self.processes, self.remotes, strict=True))
+        for process, remote in pairs:
+            if self.waiting:  # in the middle of a step; there is nothing that it could lose
+                process.terminate()
+            else:
+                with suppress(OSError):
+                    remote.send(("close", None))
+        for process, remote in pairs:
+            process.join()
+            remote.close()
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        try:
+            yield
+        except (EOFError, ConnectionError):
+            how = _first_end(self.processes)
+            self.close()
+            raise SfolError(
+                f"a street's process {how}",
+                suggestion="fewer streets at once need less memory; the same command goes on from "
+                "the last checkpoint",
+            ) from None
+
+
+def _first_end(processes: Sequence[BaseProcess]) -> str:
+    """Return how the first process that ended did so."""
+    ended = wait([process.sentinel for process in processes], timeout=_PATIENCE)
+    for process in processes:
+        if process.sentinel in ended:
+            process.join(_PATIENCE)  # what it held is closed a moment before it is gone
+            code = process.exitcode or 0
+            return f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+    return "does not answer"
 
 
 class ScaledStreets(VecEnvWrapper):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -34,7 +35,7 @@ from env.world.cells import Traffic
 from env.world.kinematics import STANDSTILL, stopping_distance
 from env.world.meshes import VehicleSize
 from env.world.window import Window
-from env.world.world import PERSON_RADIUS, Occlusion, StreetGeometry, World
+from env.world.world import PERSON_RADIUS, NotCopied, Occlusion, StreetGeometry, World
 from sfol.errors import UsageError, did_you_mean
 from sfol.wrappers import log_items
 from vsr.grounding import SegmentationGrounding
@@ -64,7 +65,7 @@ class _Stretch:
     collided: bool
 
 
-class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
+class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """Drive along a street, past a crosswalk that a parked vehicle hides in part, to the goal.
 
     The action is one number in [-1, 1], throttle above 0 and brake below; what lies outside is
@@ -99,6 +100,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         max_seconds: after which an episode is cut off.
         render_mode: None; ``rgb_array``, `render` returns a picture; ``human``, a window shows it.
         render_view: of that picture: ``third_person``, from behind ego, or ``dash``, the frame.
+
+    A street that nobody closes is closed when it is no longer used. It can't be copied or pickled.
 
     Raises:
         UsageError: an argument is none of these, there are no weights for ``unet``, or no screen
@@ -138,6 +141,7 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.render_view: RenderView = _one_of("render_view", render_view, get_args(RenderView))
         _check_numbers(speed_limit, control_hz, max_seconds)
         self._window = Window("OccludedCrossing") if render_mode == "human" else None
+        control_hz = int(control_hz)  # 10.0 is as good as 10
         self.control_dt = 1.0 / control_hz
         self._substeps = PHYSICS_HZ // control_hz
         self._instants = np.arange(1, self._substeps + 1) / PHYSICS_HZ
@@ -161,13 +165,19 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.ego = Ego(car)
         self._frame: Frame | None = None
+        self._begun = False
         self._ended = True
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; see `gymnasium.Env.reset`. There are no options."""
-        super().reset(seed=seed, options=options)
+        """Start an episode; see `gymnasium.Env.reset`. There are no options.
+
+        Raises:
+            UsageError: the seed is no whole number from 0 on, or the street is closed.
+        """
+        super().reset(seed=_seed(seed), options=options)
+        self._ended = True  # until all of the next episode is there
         rng = self.np_random
         self.behaviour: Behaviour = self._behaviours[int(rng.integers(len(self._behaviours)))]
         self.people = self._populate(rng)
@@ -177,9 +187,11 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self._distances: list[float] = []
         self.gap = self._gap()
         self._contacts_at_rest = 0
-        self._ended = False
+        self._begun = True
         self._look()
-        return self._observer(self), {**self._state(), "behaviour": self.behaviour}
+        observation = self._observer(self)
+        self._ended = False
+        return observation, {**self._state(), "behaviour": self.behaviour}
 
     def step(
         self, action: npt.NDArray[np.float32]
@@ -226,7 +238,11 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
 
     @property
     def frame(self) -> Frame:
-        """What the dash camera shows now; it is taken when somebody asks for it first."""
+        """What the dash camera shows now; it is taken when somebody asks for it first.
+
+        Raises:
+            ResetNeeded: no episode has begun.
+        """
         if self._frame is None:
             self._place_people()
             self._frame = self.camera.capture(self.ego.position)
@@ -237,11 +253,15 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
 
         Returns:
             uint8, RGB: (360, 480, 3) from behind ego, or (224, 224, 3) from the dashboard.
+
+        Raises:
+            ResetNeeded: no episode has begun.
         """
         return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Free the physics client and the window; a second call does nothing."""
+        self._ended = True
         self.world.close()
         if self._window is not None:
             self._window.close()
@@ -324,6 +344,8 @@ class OccludedCrossing(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         return third_person(self.world, self.ego.position)
 
     def _place_people(self) -> None:
+        if not self._begun:
+            raise ResetNeeded("call reset() before render(): there is nobody on the street yet")
         people = self.people
         self.world.place_people(people.positions, people.headings, people.phases, people.speeds)
 
@@ -350,17 +372,30 @@ def _one_of(name: str, value: str, allowed: Sequence[Any]) -> Any:
     return value
 
 
-def _check_numbers(speed_limit: float, control_hz: int, max_seconds: float) -> None:
+def _check_numbers(speed_limit: float, control_hz: float, max_seconds: float) -> None:
+    numbers = {"speed_limit": speed_limit, "control_hz": control_hz, "max_seconds": max_seconds}
+    for name, number in numbers.items():
+        if isinstance(number, bool) or not isinstance(number, Real):
+            raise _refused(name, number, "a number")
     if not SPEED_LIMITS[0] <= speed_limit <= SPEED_LIMITS[1]:
         raise _refused("speed_limit", speed_limit, "from {} to {}, in km/h".format(*SPEED_LIMITS))
-    if control_hz < 1 or PHYSICS_HZ % control_hz:
+    if control_hz < 1 or control_hz % 1 or PHYSICS_HZ % control_hz:
         raise _refused("control_hz", control_hz, f"a divisor of {PHYSICS_HZ}, such as 10")
     if not 0.0 < max_seconds < math.inf:
         raise _refused("max_seconds", max_seconds, "above 0, in s")
 
 
-def _refused(name: str, value: float, suggestion: str) -> UsageError:
-    return UsageError(f"{name} can't be {value}", name=name, suggestion=suggestion)
+def _seed(seed: object) -> int | None:
+    """Return a seed as gymnasium takes it."""
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise _refused("seed", seed, "a whole number from 0 on")
+    return int(seed)
+
+
+def _refused(name: str, value: object, suggestion: str) -> UsageError:
+    return UsageError(f"{name} can't be {value!r}", name=name, suggestion=suggestion)
 
 
 def _pedal(action: npt.NDArray[np.float32]) -> float:

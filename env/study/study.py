@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import sfol
 from env.driving.policies import file_hash, make_driver
 from env.driving.rollout import DrivenStep, rollout
-from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage, training_name
+from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage, changed, training_name
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.results import versions
 from env.study.study_results import (
@@ -22,6 +23,7 @@ from env.study.study_results import (
     Trajectory,
 )
 from env.world.cells import Cell
+from sfol.errors import UsageError
 
 _CURVE_POINTS = 60  # of a training
 
@@ -83,12 +85,33 @@ def run_study(plan: StudyPlan, progress: Progress) -> None:
     Args:
         plan: what is to be done.
         progress: called with what is being done, how much of it is done, and of how much.
+
+    Raises:
+        SfolError: a setup can't be trained, or results can't be written, which shows before
+            anything is trained; or what `env.learning.training.train` raises.
     """
+    _check(plan)
     for source, setup in plan.setups.items():
         for seed in plan.seeds:
             seeded = setup.model_copy(update={"seed": seed})
             command = _command(plan, source, seed)
             _study_one(plan, quick(seeded) if plan.in_short else seeded, command, progress)
+
+
+def _check(plan: StudyPlan) -> None:
+    """Refuse what would fail later, after hours."""
+    setups = list(plan.setups.values())
+    for name, count in Counter(setup.name for setup in setups).items():
+        if count > 1:
+            raise UsageError(
+                f"{count} setups are called '{name}', and results go by names",
+                name=name,
+                suggestion="a name of its own for each",
+            )
+    seeded = [changed(setup, seed=seed) for setup in setups for seed in plan.seeds]
+    for setup in setups:
+        sfol.KnowledgeBase.load(*setup.rules)
+    plan.results.check([training_name(setup.name, setup.seed) for setup in seeded])
 
 
 def _study_one(plan: StudyPlan, setup: Setup, command: str, progress: Progress) -> None:
@@ -123,6 +146,7 @@ def _is_complete(plan: StudyPlan, setup: Setup, name: str, rules: sfol.Knowledge
         and {drive.episodes for drive in drives} == {plan.episodes}
         and {drive.policy for drive in drives} == {training.policy, trajectory.policy}
         and {drive.knowledge_base_hash for drive in drives} == {rules.hash}
+        and trajectory.knowledge_base_hash == rules.hash
     )
 
 
@@ -198,8 +222,11 @@ def _drive(plan: StudyPlan, drives: Sequence[Drive], command: str, progress: Pro
 
 def _record_trajectory(plan: StudyPlan, drive: Drive, command: str) -> None:
     """Drive the first episode once more, and keep every step of it."""
-    known = plan.results.trajectory(drive.name)
-    if known is not None and known.policy == drive.settings.policy:
+    known, settings = plan.results.trajectory(drive.name), drive.settings
+    if known is not None and (known.policy, known.knowledge_base_hash) == (
+        settings.policy,
+        settings.knowledge_base_hash,
+    ):
         return
     plan.results.write_trajectory(drive.name, trajectory(drive, FIRST_SEED, command))
 

@@ -7,13 +7,14 @@ A study's folder has ``training/<name>.json``, how a setup was trained with one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from env.driving.rollout import Ending
 from env.evaluation.results import DriveResult, ResultFolder, read_json, write_json
+from sfol.writing import check_writable
 
 Content = TypeVar("Content")
 
@@ -72,6 +73,17 @@ class TrainingResult:
     evaluations: tuple[Mapping[str, float], ...]
     curve: tuple[CurvePoint, ...]
 
+    def __post_init__(self) -> None:
+        """Refuse evaluations that lack what figures are drawn from.
+
+        Raises:
+            ValueError: one does.
+        """
+        for number, evaluation in enumerate(self.evaluations, start=1):
+            missing = {"steps", "success"} - evaluation.keys()
+            if missing:
+                raise ValueError(f"evaluation {number} has no {min(missing)}")
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -117,6 +129,18 @@ class Trajectory:
     confidences: Mapping[str, tuple[float, ...]]
     weights: Mapping[str, tuple[float, ...]]
 
+    def __post_init__(self) -> None:
+        """Refuse sequences that are empty or of different lengths.
+
+        Raises:
+            ValueError: they are.
+        """
+        columns = (self.position, self.speed, self.action, self.distance, self.reward)
+        named = (*self.confidences.values(), *self.weights.values())
+        lengths = {len(column) for column in (*columns, *named)}
+        if len(lengths) != 1 or 0 in lengths:
+            raise ValueError("not every sequence has a number for each step")
+
 
 class StudyFolder:
     """The folder of a study.
@@ -132,6 +156,19 @@ class StudyFolder:
     def drives(self) -> ResultFolder:
         """Where the drives are."""
         return ResultFolder(self._path / "drives")
+
+    def check(self, names: Iterable[str]) -> None:
+        """Make sure that results can be written here, before anything is trained.
+
+        Args:
+            names: of setups and seeds.
+
+        Raises:
+            UsageError: a file can't be written, or one that is there can't be read.
+        """
+        folders = (self._path / "training", self._path / "trajectories")
+        check_writable(*(folder / f"{name}.json" for folder in folders for name in names))
+        self.drives.check([])
 
     def training(self, name: str) -> TrainingResult | None:
         """Return the training of setup and seed, if it is there."""

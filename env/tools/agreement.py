@@ -28,6 +28,7 @@ from env.perception.pipeline import Scene
 from env.street.crossing import OccludedCrossing
 from env.street.view import StreetView
 from env.world.actors import Ego, EgoParameters
+from sfol.writing import check_writable, replacing
 from vsr.segmentation import Frame
 
 MARGIN = 10.0  # m, by which the camera's useful range exceeds the stopping distance
@@ -188,6 +189,8 @@ def print_agreement(
         every: of how many steps one is compared.
         frames: folder for a frame of each kind of difference; None for none.
     """
+    if frames is not None:
+        check_writable(frames / "any.png")
     console = Console(highlight=False)
     driven = sights(episodes, reach, first_seed=seed, every=every)
     all_sights = list(track(driven, "driving …", console=console, total=None))
@@ -221,14 +224,14 @@ def _table(found: Mapping[Claim, Agreement], frames: int) -> Table:
 
 def _save_differences(frames: Sequence[Sight], folder: Path) -> Iterator[Path]:
     """Save the first frame of every kind of difference; the file's name says which it is."""
-    folder.mkdir(parents=True, exist_ok=True)
     known: set[tuple[str, Claim]] = set()
     for frame in frames:
         for who, claim in frame.differences():
             if (who, claim) not in known:
                 known.add((who, claim))
                 path = folder / f"{'-'.join(claim)}-{who}-only-{frame.name}.png"
-                _picture(frame).save(path)
+                with replacing(path) as part:
+                    _picture(frame).save(part, format="png")
                 yield path
 
 

@@ -15,6 +15,7 @@ from env.driving.drivers import Cautious
 from env.driving.rollout import rollout
 from env.street.crossing import OccludedCrossing
 from env.world.camera import third_person
+from sfol.errors import UsageError
 from sfol.writing import replacing
 
 _MOMENTS = (5.0, 30.0, 44.0, 52.0)  # x of ego's front, in m
@@ -55,7 +56,12 @@ def _pictures(street: OccludedCrossing, seed: int) -> Iterator[Image.Image]:
     """Yield the frames at each moment of a cautious drive, and the last one from outside."""
     drive = rollout(street, Cautious(), seed)
     for moment in _MOMENTS:
-        next(step for step in drive if step.info["position"] >= moment)
+        if not any(step.info["position"] >= moment for step in drive):
+            raise UsageError(
+                f"with seed {seed}, a drive ends before {moment:.0f} m",
+                name="seed",
+                suggestion="another --seed",
+            )
         frame = Image.fromarray(street.frame.gray).convert("RGB")
         yield frame.resize((_SIDE, _SIDE), Image.Resampling.LANCZOS)
     outside = Image.fromarray(third_person(street.world, street.ego.position))
@@ -68,6 +74,9 @@ def save_sheet(output: Path, seed: int) -> None:
     Args:
         output: the PNG file, which is replaced.
         seed: of the episode in every cell.
+
+    Raises:
+        UsageError: the file can't be written, or a drive ends too early.
     """
     with replacing(output) as part:
         contact_sheet(seed).quantize(_COLOURS).save(part, format="png", optimize=True)

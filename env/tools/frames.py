@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from env.evaluation.folder_lock import locked
 from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import FRAMES
@@ -48,12 +49,19 @@ def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) 
         pairs: whether each is followed by the frame one control step later.
 
     Raises:
-        UsageError: there is no such split, or the folder holds other frames.
+        UsageError: there is no such split, its streets have not so many frames, or the folder holds
+            others.
+        SfolError: another process has the folder.
     """
     chosen = _split(split)
     count, first = math.ceil(frames / FRAMES_PER_STREET), FRAMES[chosen].start
+    if not 0 < count <= len(FRAMES[chosen]):
+        most = FRAMES_PER_STREET * len(FRAMES[chosen])
+        raise UsageError(
+            f"{frames} frames can't be rendered", name="frames", suggestion=f"1 to {most:,}"
+        )
     seeds = range(first, first + count)
-    with _Streets() as streets:
+    with locked(output), _Streets() as streets:
         card = _card(streets.of(first).lens, chosen, seeds, pairs)
         _write_card(output / CARD, card)
         with _progress() as progress:
@@ -202,7 +210,7 @@ def _write_card(file: Path, card: dict[str, Any]) -> None:
         UsageError: the folder holds others.
     """
     content = json.dumps(card, indent=2) + "\n"
-    if file.exists() and file.read_text(encoding="utf-8") != content:
+    if file.exists() and file.read_bytes() != content.encode():
         raise UsageError(
             f"{file.parent} holds other frames",
             name=str(file.parent),

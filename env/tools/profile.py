@@ -19,8 +19,9 @@ from rich.console import Console
 from rich.table import Table
 
 from env.driving.setup import load_setup
+from env.evaluation.folder_lock import locked
 from sfol.errors import missing_extra
-from sfol.writing import replacing
+from sfol.writing import check_writable, replacing
 
 _STEPS = 512  # of all streets, for one update; three updates are recorded
 _RATE = 50  # samples a second; at 200, sampling took half a processor itself
@@ -53,18 +54,19 @@ def record(output: Path, perception: str) -> None:
 
     Raises:
         MissingExtraError: py-spy is not installed.
+        SfolError: another process has the folder, or nothing can be written there.
     """
-    output.mkdir(parents=True, exist_ok=True)
-    stacks = output / "stacks.txt"
-    flame = output / "flame.svg"
-    for kind, file in (("raw", stacks), ("flamegraph", flame)):
-        _sample(kind, file, perception)
-    with replacing(flame) as part:
-        part.write_text(without_folders(flame.read_text(encoding="utf-8")), encoding="utf-8")
-    stages = by_stage(stacks.read_text(encoding="utf-8").splitlines())
-    stacks.unlink()
-    with replacing(output / "stages.json") as part:
-        part.write_text(json.dumps(stages, indent=1) + "\n", encoding="utf-8")
+    stacks, flame, table = (output / name for name in ("stacks.txt", "flame.svg", "stages.json"))
+    with locked(output):
+        check_writable(stacks, flame, table)
+        for kind, file in (("raw", stacks), ("flamegraph", flame)):
+            _sample(kind, file, perception)
+        with replacing(flame) as part:
+            part.write_text(without_folders(flame.read_text(encoding="utf-8")), encoding="utf-8")
+        stages = by_stage(stacks.read_text(encoding="utf-8").splitlines())
+        stacks.unlink()
+        with replacing(table) as part:
+            part.write_text(json.dumps(stages, indent=1) + "\n", encoding="utf-8")
     Console(highlight=False).print(_table(stages))
 
 

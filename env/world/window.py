@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from matplotlib import pyplot as plt
@@ -14,7 +17,7 @@ _DPI = 80
 
 
 class Window:
-    """Shows pictures as they come.
+    """Shows pictures as they come; whoever drops it closes it.
 
     Args:
         title: of the window.
@@ -26,6 +29,7 @@ class Window:
     def __init__(self, title: str) -> None:
         self._title = title
         self._image: AxesImage | None = None
+        self._closing: Callable[[], object] = lambda: None
         if plt.get_backend().lower() not in backend_registry.list_builtin(
             BackendFilter.INTERACTIVE
         ):
@@ -44,16 +48,19 @@ class Window:
 
     def close(self) -> None:
         """Close the window; a second call does nothing."""
-        if self._image is not None:
-            plt.close(self._title)
-            self._image = None
+        self._closing()
+        self._image = None
 
     def _open(self, picture: npt.NDArray[np.uint8]) -> AxesImage:
         height, width = picture.shape[:2]
         try:
-            figure = plt.figure(self._title, figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+            figure = plt.figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
         except ImportError as error:  # a backend that was asked for by name, without a screen
             raise _no_screen() from error
+        # Closed with its street even if nobody says so; by itself, since titles may be the same.
+        self._closing = weakref.finalize(self, plt.close, figure)
+        if figure.canvas.manager is not None:
+            figure.canvas.manager.set_window_title(self._title)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         return axes.imshow(picture)

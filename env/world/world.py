@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
@@ -172,7 +174,22 @@ _TRUCKS = (
 _CHILD = Figure(height=1.15)  # Euro NCAP's child is as tall as one of seven
 
 
-class World:
+class NotCopied:
+    """What can't be copied or pickled, since both would move the same bodies."""
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        """Refuse.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(
+            "a street can't be copied or pickled: its bodies live in one renderer of this process",
+            suggestion="build another one with the same arguments; equal seeds make them equal",
+        )
+
+
+class World(NotCopied):
     """The bodies of the street. Everything is built once; `dress` changes it for an episode.
 
     pybullet keeps the memory of meshes even when their bodies are removed, until the client is
@@ -185,6 +202,9 @@ class World:
             the first of the people is a child.
         ego: outer measures of ego.
         geometry: the street.
+
+    Raises:
+        UsageError: pybullet does not start; or the street is used after `close`, or copied.
 
     Attributes:
         light: of the episode.
@@ -204,7 +224,9 @@ class World:
         self.geometry = geometry or StreetGeometry()
         self.light = Light()
         self._ego_size = ego
-        self._client: int | None = _connect()
+        self._physics = _connect()
+        # Streets that nobody closes would keep their memory, some 36 MB each.
+        self._closing = weakref.finalize(self, _disconnect, self._physics)
         self._kinds: list[SemanticClass] = []
         rng = np.random.default_rng(_WARDROBE_SEED)
         with tempfile.TemporaryDirectory(prefix="street-") as folder:
@@ -323,9 +345,13 @@ class World:
 
     def close(self) -> None:
         """Disconnect from pybullet; a second call does nothing."""
-        if self._client is not None:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = None
+        self._closing()
+
+    @property
+    def _client(self) -> int:
+        if not self._closing.alive:
+            raise UsageError("the street is closed", suggestion="build another one")
+        return self._physics
 
     # Building
 
@@ -574,6 +600,12 @@ def _connect() -> int:
     if client < 0:
         raise _no_client("it gave no reason")
     return client
+
+
+def _disconnect(client: int) -> None:
+    """Free a physics client; what is gone already, as at the end of a program, stays so."""
+    with suppress(pybullet.error):
+        pybullet.disconnect(physicsClientId=client)
 
 
 def _no_client(reason: str) -> UsageError:

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from sfol.errors import UsageError
-from sfol.writing import replacing
+from sfol.writing import check_writable, replacing
 
 
 def write(path, text="new", **options):
@@ -76,3 +76,15 @@ def test_what_can_not_be_written_is_said(tmp_path):
     with pytest.raises(UsageError, match=r"can't be written"):
         write(tmp_path / "folder")
     assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+
+
+def test_whether_a_file_can_be_written_is_found_out_beforehand(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "folder").mkdir()
+    for path in ("file/x.txt", "file/more/x.txt", "folder"):
+        with pytest.raises(UsageError, match=r"can't be written"):
+            check_writable(tmp_path / "fine.txt", tmp_path / path)
+    check_writable(tmp_path / "file", tmp_path / "new" / "x.txt")
+    assert (tmp_path / "file").read_text() == "kept"
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder", "new"]
+    assert os.listdir(tmp_path / "new") == []

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from sfol.errors import UsageError
+from sfol.reading import first_reason
 from sfol.writing import replacing
 
 
@@ -117,7 +118,7 @@ def load_weights(file: Path, network: nn.Module) -> Card:
         raise UsageError(f"'{file}' can't be read: {error}", name=str(file)) from None
     except RuntimeError as error:
         raise UsageError(
-            f"'{file}' holds weights of another network: {str(error).splitlines()[0]}",
+            f"'{file}' holds weights of another network: {first_reason(error)}",
             name=str(file),
             suggestion=f"its card says {card.architecture}",
         ) from None
@@ -134,16 +135,9 @@ def read_card(file: Path) -> Card:
     try:
         return Card.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
-        reason = _first_line(error)
+        reason = first_reason(error)
         raise UsageError(f"'{path}' is no card of weights: {reason}", name=str(path)) from None
 
 
 def _card_of(file: Path) -> Path:
     return file.with_suffix(".json")
-
-
-def _first_line(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-    return str(error).splitlines()[0]

@@ -4,15 +4,19 @@ import csv
 import json
 import pickle
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import sfol
 from env.cli import app
 from env.driving.drivers import DRIVERS
 from env.driving.rollout import Ending, rollout
+from env.evaluation import evaluate as evaluation
 from env.evaluation.evaluate import Drive, drive_episode, evaluate, summarize
 from env.evaluation.results import DriveResult, ResultFolder, read_json
 from env.evaluation.returns import REFERENCE_BEHAVIOURS, BehaviourReturn, faults
@@ -238,6 +242,74 @@ def test_a_damaged_result_is_an_error(tmp_path):
     folder.file(some).write_text("{}")
     with pytest.raises(SfolError, match="can't be read as a result"):
         folder.find(some)
+
+
+def test_a_damaged_result_of_another_drive_shows_before_anybody_drives(tmp_path, monkeypatch):
+    (tmp_path / "crawl").mkdir()
+    (tmp_path / "crawl/low-full.json").write_text('{"settings": 7}')
+    nobody_drives(monkeypatch)
+    done = aeb("--driver", "full_throttle", "--episodes", 1, "--output", tmp_path, *QUICK)
+    message = str(done.exception)
+    assert "crawl/low-full.json' can't be read as a result: settings: " in message
+    assert "remove it" in message
+
+
+def nobody_drives(monkeypatch):
+    def fail(*_, **__):
+        raise AssertionError("somebody drives")
+
+    monkeypatch.setattr(evaluation, "in_order", fail)
+
+
+RUNS = st.fixed_dictionaries(
+    {"episodes": st.integers(1, 2), "discount": st.sampled_from([0.9, 1.0]), "log": st.booleans()}
+)
+
+
+@given(runs=st.lists(RUNS, min_size=1, max_size=6))
+@settings(max_examples=25)
+def test_the_files_of_a_cell_are_those_of_one_run(episodes_of_two, tmp_path_factory, runs):
+    """Whatever was there before, a log or a table that is found belongs to its result."""
+    folder = ResultFolder(tmp_path_factory.mktemp("runs"))
+    for run in runs:
+        log = run["log"]
+        asked = drive(episodes=run["episodes"], discount=run["discount"])
+        if folder.find(asked, log=log) is None:
+            folder.write(asked, episodes_of_two[: asked.episodes], "a command", log=log)
+        assert folder.find(asked, log=log) is not None
+        rows = list(csv.DictReader(folder.file(asked, ".csv").open()))
+        assert len(rows) == asked.episodes
+        parquet = folder.file(asked, ".parquet")
+        assert parquet.exists() or not log
+        if parquet.exists():
+            assert len(read_log(parquet).episodes) == asked.episodes
+
+
+@pytest.fixture(scope="module")
+def episodes_of_two():
+    return list(evaluate([drive()], logs=True))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("change", [Path.unlink, lambda path: path.write_bytes(b"another's")])
+def test_a_result_beside_which_another_s_file_stands_is_not_taken(
+    tmp_path, episodes_of_two, suffix, change
+):
+    folder, some = ResultFolder(tmp_path), drive()
+    folder.write(some, episodes_of_two, "a command", log=True)
+    assert folder.find(some, log=True) is not None
+    change(folder.file(some, suffix))
+    assert folder.find(some, log=True) is None
+
+
+def test_results_from_before_there_were_hashes_count_without_their_logs(tmp_path, episodes_of_two):
+    folder, some = ResultFolder(tmp_path), drive()
+    folder.write(some, episodes_of_two, "a command", log=True)
+    content = json.loads(folder.file(some).read_text())
+    del content["files"]
+    folder.file(some).write_text(json.dumps(content | {"schema_version": 2}))
+    assert folder.find(some) is not None
+    assert folder.find(some, log=True) is None
 
 
 @pytest.mark.parametrize(

@@ -3,25 +3,28 @@
 import contextlib
 import json
 import logging
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from stable_baselines3 import PPO
+from safetensors.torch import load_file
 from typer.testing import CliRunner
 
 from env.cli import app
 from env.driving.policies import file_hash
 from env.driving.policy_files import PolicyFile, act, actor_of, load_actor
-from env.driving.setup import Setup, load_setup, setup_names
+from env.driving.setup import Setup, changed, load_setup, setup_names
+from env.evaluation.folder_lock import locked
 from env.learning import training
 from env.learning.journal import History
 from env.learning.new_model import new_model, untrained_model
 from env.learning.training import train
 from env.learning.vector_streets import make_streets
 from sfol import KnowledgeBase
-from sfol.errors import UsageError
+from sfol.errors import SfolError, UsageError
 
 SETUPS = Path(__file__).parents[3] / "setups"
 SMALL = """
@@ -36,6 +39,9 @@ evaluation_steps: 1000
 evaluation_episodes: 1
 learning: {rollout_steps: 16, batch_size: 16, n_epochs: 1, layers: [8]}
 """
+
+
+EPISODE = {"return": 0.0, "is_success": False, "collision": False, "timeout": True}
 
 
 @pytest.fixture
@@ -196,7 +202,7 @@ def test_a_training_that_was_stopped_goes_on(setup_file, tmp_path, caplog, monke
 
     with pytest.raises(StoppedError):
         train(load_setup(setup_file), folder, progress=stop)
-    checkpoints = sorted(folder.glob("checkpoint-*.zip"))
+    checkpoints = sorted(folder.glob("checkpoint-*.safetensors"))
     assert [steps_of(path) for path in checkpoints] == [16, 32]
     checkpoints[-1].write_bytes(b"half a checkpoint")
 
@@ -237,12 +243,45 @@ def test_what_happens_is_written_down_once_however_often_a_training_starts(tmp_p
     with pytest.raises(KeyboardInterrupt):
         train(setup, folder, progress=stop)
     # As if this had been written after the last checkpoint:
-    History(folder / "episodes.jsonl").append({"steps": 90, "seconds": 1.0, "return": 0.0})
+    History(folder / "episodes.jsonl", ()).append({"steps": 90, "seconds": 1.0} | EPISODE)
     trained = train(setup, folder)
     assert [row["steps"] for row in trained.evaluations] == [64, 128]
     assert all(row["success_low"] == row["success"] for row in trained.evaluations)
     assert 90 not in {row["steps"] for row in trained.episodes}
     assert trained.seconds >= trained.evaluations[0]["seconds"] > 0.0
+
+
+def test_a_training_that_is_stopped_often_is_evaluated_as_often_as_one_that_is_not(
+    setup_file, tmp_path, monkeypatch
+):
+    result = {"success": 0.0, "return": 0.0}
+    monkeypatch.setattr(training, "evaluate_policy", lambda model, setup: result)
+    changes = {"evaluation_steps": 40, "checkpoint_steps": 32}
+    stages = [{"steps": 160, "traffic": ["low"], "occlusion": ["partial"]}]
+    setup = changed(load_setup(setup_file), stages=stages, **changes)
+    expected = [row["steps"] for row in train(setup, tmp_path / "whole").evaluations]
+    assert expected == [48, 96, 144, 160]
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(start):
+        def progress(steps, stage):
+            if stage != "building streets" and steps >= start + 50:
+                raise StoppedError
+
+        return progress
+
+    folder, starts = tmp_path / "stopped", []
+    while True:
+        kept = [steps_of(path) for path in folder.glob("checkpoint-*")]
+        starts.append(max(kept, default=0))
+        with contextlib.suppress(StoppedError):
+            trained = train(setup, folder, progress=stop(starts[-1]))
+            break
+    assert [row["steps"] for row in trained.evaluations] == expected
+    assert starts == sorted(set(starts))
+    assert len(starts) > 2
 
 
 def pedals(file):
@@ -365,9 +404,9 @@ def test_noise_falls_to_what_the_setup_says(tmp_path, last, greatest):
     content = yaml.safe_load(SMALL)
     content["learning"] |= {"last_log_std": last}
     train(Setup.model_validate(content), tmp_path)
-    model = PPO.load(max(tmp_path.glob("checkpoint-*.zip")))
+    tensors = load_file(max(tmp_path.glob("checkpoint-*.safetensors")))
     # Its last limit was set after 48 of 64 steps; one update came after that.
-    assert model.policy.log_std.max().item() == pytest.approx(greatest, abs=0.01)
+    assert tensors["policy.log_std"].max().item() == pytest.approx(greatest, abs=0.01)
 
 
 def test_the_progress_tells_how_the_last_episodes_ended(tmp_path):
@@ -428,3 +467,93 @@ def test_a_folder_belongs_to_one_setup(setup_file, tmp_path):
     (folder / "setup.json").write_text(json.dumps(other))
     with pytest.raises(UsageError, match="another setup"):
         train(load_setup(setup_file), folder)
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """The folder of a training that has ended; tests copy it."""
+    folder = tmp_path_factory.mktemp("ended")
+    train(Setup.model_validate(yaml.safe_load(SMALL)), folder)
+    return folder
+
+
+@pytest.fixture
+def run(ended, tmp_path):
+    return Path(shutil.copytree(ended, tmp_path / "run"))
+
+
+def content_of(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        ("setup.json", b"{", r"setup\.json' can't be read as a setup: Invalid JSON.*remove it"),
+        ("setup.json", b"\xff", r"setup\.json' can't be read as a setup"),
+        ("setup.json", b'{"version": 1}', r"setup\.json' can't be read as a setup: name: Field"),
+        ("evaluations.jsonl", b"7\n", r"evaluations\.jsonl:1: this is no row.*remove the line"),
+        ("episodes.jsonl", b"{}\n", r"episodes\.jsonl:1: this is no row.*remove the line"),
+        ("policy.json", b"{}", r"policy\.json' is no card of a policy: setup: Field required"),
+        ("policy.json", None, r"policy\.json' is no card of a policy: No such file.*put it back"),
+        ("policy.safetensors", b"", r"policy\.safetensors' can't be read"),
+        ("policy.safetensors", None, r"no policy file '.*', though '.*' has its evaluation"),
+    ],
+)
+def test_a_damaged_file_is_named_and_nothing_is_lost(setup_file, run, name, damage, message):
+    if damage is None:
+        (run / name).unlink()
+    else:
+        (run / name).write_bytes(damage)
+    before = content_of(run)
+    command = ["train", "--setup", str(setup_file), "--output", str(run)]
+    done = CliRunner().invoke(app, command)
+    assert isinstance(done.exception, UsageError), done.exception
+    assert re.search(message, str(done.exception)), done.exception
+    assert content_of(run) == before
+
+
+def test_a_policy_that_is_missing_is_written_anew_as_the_error_says(setup_file, run):
+    for name in ("policy.safetensors", "evaluations.jsonl"):
+        (run / name).unlink()
+    trained = train(load_setup(setup_file), run)
+    assert [row["steps"] for row in trained.evaluations] == [64]
+    assert PolicyFile(trained.policy).network()
+
+
+def test_a_setup_from_before_there_was_an_option_is_the_same(setup_file, run):
+    content = json.loads((run / "setup.json").read_text())
+    del content["learning"]["whitening_steps"]
+    (run / "setup.json").write_text(json.dumps(content))
+    assert train(load_setup(setup_file), run).steps == 64
+
+
+@pytest.mark.parametrize("has_ended", [True, False])
+def test_a_training_does_not_go_on_when_its_rules_have_changed(
+    setup_file, run, has_ended, monkeypatch
+):
+    if not has_ended:
+        (run / "evaluations.jsonl").unlink()
+    before = content_of(run)
+    monkeypatch.setattr(KnowledgeBase, "hash", "other")
+    with pytest.raises(SfolError, match=r"under other rules: 'crossing' has changed since"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before
+
+
+def test_two_trainings_do_not_share_a_folder(setup_file, run):
+    before = content_of(run)
+    with locked(run), pytest.raises(SfolError, match="in use by process"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before
+
+
+def test_a_record_that_can_t_be_read_forgets_nothing(setup_file, run):
+    """Without a checkpoint that can be read a training would begin anew, and its record with it."""
+    for path in run.glob("checkpoint-*"):
+        path.write_bytes(b"half a checkpoint")
+    (run / "evaluations.jsonl").unlink()
+    before = content_of(run)
+    with pytest.raises(UsageError, match=r"no checkpoint in .* can be read \(put one back"):
+        train(load_setup(setup_file), run)
+    assert content_of(run) == before

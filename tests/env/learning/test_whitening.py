@@ -1,14 +1,18 @@
 """Whitening: what it does to observations, and that policies keep it."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import PPO
 
 from env.driving.policy_files import PolicyFile, act
 from env.driving.setup import Setup
 from env.learning import training
+from env.learning.checkpoints import Checkpoints
+from env.learning.vector_streets import make_streets
 from env.learning.whitening import Whitening
+from sfol import KnowledgeBase
 
 SIZE = 6
 DEVIATIONS = np.array([100.0, 30.0, 20.0, 1.0, 1.0, 0.1])
@@ -74,12 +78,14 @@ def test_a_training_measures_once_and_its_policy_keeps_it(tmp_path, small_setup)
     def train():
         told.clear()
         training.train(small_setup, tmp_path, progress=lambda _, what: told.append(what))
-        return [PPO.load(path) for path in sorted(tmp_path.glob("checkpoint-*.zip"))]
+        checkpoints = Checkpoints(tmp_path, KnowledgeBase.load("crossing"))
+        with closing(make_streets(small_setup, small_setup.stages[0].cells, seed=0)) as streets:
+            return [checkpoints.read(path, small_setup, streets) for path in checkpoints.files()]
 
     first, _ = train()
     assert "looking around, 127 of 128 steps" in told
     assert first.policy.mlp_extractor.whitening.gains.min() < 0.5
-    (tmp_path / "checkpoint-000000032.zip").unlink()
+    (tmp_path / "checkpoint-000000032.safetensors").unlink()
     (tmp_path / "evaluations.jsonl").unlink()
     _, last = train()  # goes on from the first checkpoint
     assert not any("looking around" in what for what in told)

@@ -102,3 +102,11 @@ def test_a_set_that_does_not_exist_is_an_error(tmp_path):
     refused = render("tests", "--output", tmp_path / "new")
     assert isinstance(refused.exception, UsageError)
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("frames", [-5, 0, 10**9])
+def test_there_are_only_so_many_frames(tmp_path, frames):
+    """More would be of the next set's streets."""
+    done = render("test", "--frames", frames, "--output", tmp_path / "frames")
+    assert done.exit_code == 2 or isinstance(done.exception, UsageError)
+    assert not (tmp_path / "frames").exists()
