@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
+import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
 from sfol.errors import UsageError
+from sfol.writing import unwritable
 
 try:
     import fcntl
@@ -17,39 +20,56 @@ except ImportError:  # as on Windows
     fcntl = None  # type: ignore[assignment]
 
 _NO_LOCKS_HERE = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP)
+_HOLDER_LENGTH = 300
 
 
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[None]:
-    """Keep a file or folder to this process; missing folders above it are made.
+    """Keep a file to this process; missing folders above it are made.
 
     The lock is on a file beside it that ends in ``.lock`` and says who holds it. It ends with the
     block or with the process, so that what a process leaves behind that died locks nothing.
     Where there are no such locks, as on Windows and on some network drives, nothing is locked.
 
     Args:
-        path: the file or folder.
+        path: the file.
         what: what it is, such as ``log``, for the message.
 
     Raises:
         UsageError: it is locked already, here or by another process, or can't be locked.
     """
-    if fcntl is None:
+    with _locked(path.with_name(f"{path.name}.lock"), path, f"the {what} '{path}'"):
         yield
-        return
-    lock = path.with_name(f"{path.name}.lock")
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Keep a folder to this process, as `locked` does a file, by a file ``.lock`` in it.
+
+    Args:
+        folder: that is to be written to; it is made if there is none.
+
+    Raises:
+        UsageError: it is locked already, here or by another process, or can't be written to.
+    """
+    with _locked(folder / ".lock", folder, f"the folder '{folder}'"):
+        yield
+
+
+@contextmanager
+def _locked(lock: Path, path: Path, what: str) -> Iterator[None]:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = _acquired(lock, f"the {what} '{path}'")
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = None if fcntl is None else _acquired(lock, what)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"'{path}' can't be written: {reason}", name=str(path)) from None
+        raise unwritable(path, error) from None
     try:
         yield
     finally:
-        with suppress(OSError):
-            lock.unlink()  # while it is held: who has opened it by now finds that it is gone
-        os.close(descriptor)
+        if descriptor is not None:
+            with suppress(OSError):
+                lock.unlink()  # while it is held: who has opened it by now finds that it is gone
+            os.close(descriptor)
 
 
 def _acquired(lock: Path, what: str) -> int:
@@ -74,10 +94,11 @@ def _lock(descriptor: int, what: str) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        holder = os.read(descriptor, 100).decode(errors="replace") or "another process"
+        text = os.read(descriptor, 2 * _HOLDER_LENGTH).decode(errors="replace")
+        holder = text if text.startswith("process ") and text.isprintable() else "another process"
         raise UsageError(
-            f"{what} is being written by {holder}",
-            suggestion="wait until it ends, or write elsewhere",
+            f"{what} is in use by {holder}",
+            suggestion="wait until it ends, stop it, or write elsewhere",
         ) from None
     except OSError as error:
         if error.errno not in _NO_LOCKS_HERE:
@@ -85,4 +106,5 @@ def _lock(descriptor: int, what: str) -> None:
 
 
 def _holder() -> str:
-    return f"process {os.getpid()} since {datetime.now():%Y-%m-%d %H:%M:%S}"
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:_HOLDER_LENGTH]
+    return f"process {os.getpid()} since {datetime.now():%Y-%m-%d %H:%M:%S} ({command})"

@@ -126,7 +126,7 @@ class LogWriter:
         >>> import sfol
         >>> kb = sfol.KnowledgeBase.load("aeb")
         >>> with LogWriter("drive.parquet", kb) as log:
-        ...     log.step(Facts.parse("Pedestrian(p1)."), time=0.0, v=6.0, v_next=5.5, d=9.0)
+        ...     log.step(Facts.parse("Pedestrian(p1)."), 0.0, v=6.0, v_next=5.5, d=9.0)
         ...     log.end_episode("success")
         >>> read_log("drive.parquet").episodes[0].ending
         'success'
@@ -144,7 +144,7 @@ class LogWriter:
             self._file = opening.enter_context(_writing(self._arrow, part, self._schema))
             self._open = opening.pop_all()
 
-    def step(self, facts: Facts, *, time: float, **signals: float) -> None:
+    def step(self, facts: Facts, time: float, /, **signals: float) -> None:
         """Record a step.
 
         Args:

@@ -85,10 +85,10 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     from env.cli import tables
     from env.driving.policies import make_driver
     from env.evaluation.evaluate import Drive, evaluate
-    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.evaluation.results import ResultFolder
     from env.evaluation.returns import REFERENCE_BEHAVIOURS
+    from sfol.locking import locked_folder
 
     console = Console(highlight=False)
     kb = sfol.KnowledgeBase.load(rules)
@@ -104,7 +104,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
         for name, where in product(names, _cells(cell, traffic, occlusion))
     ]
     folder = ResultFolder(output)
-    with locked(output):
+    with locked_folder(output):
         folder.check(drives)
         results = {drive: None if again else folder.find(drive, log=record) for drive in drives}
         missing = [drive for drive, result in results.items() if result is None]

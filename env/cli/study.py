@@ -67,11 +67,11 @@ def study(  # noqa: PLR0913 (each is an option)
 
     `aeb study --setup add --setup ssi --seed 0 --seed 1`, in many hours
     """
-    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.study.figures.products import make_products
     from env.study.study import StudyPlan
     from env.study.study_results import StudyFolder
+    from sfol.locking import locked_folder
 
     console = Console(highlight=False)
     folder = output or Path("runs/quick" if in_short else "runs/study")
@@ -86,7 +86,7 @@ def study(  # noqa: PLR0913 (each is an option)
         results=StudyFolder(folder),
     )
     figures = folder / "figures"
-    with locked(folder):
+    with locked_folder(folder):
         check_writable(figures / "collision_test.md")
         _run(plan, console)
         console.print(f"Results: {folder}", soft_wrap=True)

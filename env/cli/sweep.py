@@ -38,10 +38,10 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
     """
     from env.cli import tables
     from env.driving.policies import make_driver
-    from env.evaluation.folder_lock import locked
     from env.evaluation.parallel import cores
     from env.evaluation.results import SweepResult, versions, write_json
     from env.evaluation.sweep import APPROACHES, Sweep, run_sweeps
+    from sfol.locking import locked_folder
 
     console = Console(highlight=False)
     kb = sfol.KnowledgeBase.load(rules)
@@ -50,7 +50,7 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
         make_driver(name, trust=trust)  # so that a mistake shows before anybody drives
     sweeps = [Sweep(name, kb, perception=perception, seed=seed, trust=trust) for name in names]
     file, results = output / "sweep.json", []
-    with locked(output):
+    with locked_folder(output):
         check_writable(file)
         with counting(console, len(sweeps) * len(APPROACHES), "approaches") as bar:
             driven = run_sweeps(sweeps, workers or cores())

@@ -20,12 +20,12 @@ from env.demo.moment import moment_pictures
 from env.demo.recording import coverage, drive, most_dangerous, signals_of, write_log
 from env.demo.report import Focus, Provenance, write_report
 from env.driving.policies import TRAINED, make_driver
-from env.evaluation.folder_lock import locked
 from env.street.crossing import OccludedCrossing
 from env.world.actors import Behaviour
 from env.world.cells import Traffic
 from env.world.world import Occlusion
 from sfol.facts import Facts
+from sfol.locking import locked_folder
 from sfol.writing import check_writable
 
 _REPORT, _LOG = "report.html", "episodes.parquet"
@@ -65,7 +65,7 @@ def run_demo(rules: str, output: Path, seed: int, console: Console) -> None:
             driver can't be used.
     """
     kb = sfol.KnowledgeBase.load(rules)
-    with locked(output):
+    with locked_folder(output):
         check_writable(output / _REPORT, output / _LOG)
         started = time.perf_counter()
         episodes = _drive_all([plan._replace(seed=plan.seed + seed) for plan in DEMO], kb, console)

@@ -137,7 +137,7 @@ def write_log(path: Path, episodes: Iterable[Episode], kb: KnowledgeBase) -> Non
         for episode in episodes:
             for step in episode.steps:
                 facts = Facts.parse(step.facts, margin=kb.grounding.margin)
-                log.step(facts, time=step.time, **signals_of(step))
+                log.step(facts, step.time, **signals_of(step))
             log.end_episode(episode.ending)
 
 

@@ -230,7 +230,7 @@ def _logged(
     with LogWriter(path, kb) as log:
         for episode in episodes:
             for step in episode.log:
-                log.step(step.facts, time=step.time, **step.signals)
+                log.step(step.facts, step.time, **step.signals)
             log.end_episode(episode.result.ending)
             results.append(episode.result)
     return results

@@ -23,7 +23,6 @@ import sfol
 from env.driving.policies import check_exists, file_hash
 from env.driving.policy_files import PolicyCard, PolicyFile
 from env.driving.setup import Setup
-from env.evaluation.folder_lock import locked
 from env.evaluation.parallel import cores
 from env.evaluation.results import versions
 from env.learning.callbacks import (
@@ -43,6 +42,7 @@ from env.street.seeds import EVALUATION
 from env.world.cells import Cell
 from sfol.errors import FileError, UsageError
 from sfol.knowledge_base import KnowledgeBase
+from sfol.locking import locked_folder
 from sfol.reading import first_reason
 from sfol.writing import replacing
 
@@ -91,7 +91,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     """
     start_of(setup)  # refused before anything is written
     rules = sfol.KnowledgeBase.load(*setup.rules)
-    with locked(folder), _threads_for(setup):
+    with locked_folder(folder), _threads_for(setup):
         _claim(folder, setup)
         record = _Record(setup, rules, folder)
         if record.last_evaluation >= setup.steps:

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from env.evaluation.folder_lock import locked
 from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import FRAMES
@@ -25,6 +24,7 @@ from env.world.actors import Ego
 from env.world.camera import DashCameraParameters
 from env.world.cells import CELLS, Cell
 from sfol.errors import UsageError
+from sfol.locking import locked_folder
 from sfol.writing import replacing
 from vsr.segmentation import Frame
 from vsr.training.frames import CARD, read_shard, write_shard
@@ -61,7 +61,7 @@ def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) 
             f"{frames} frames can't be rendered", name="frames", suggestion=f"1 to {most:,}"
         )
     seeds = range(first, first + count)
-    with locked(output), _Streets() as streets:
+    with locked_folder(output), _Streets() as streets:
         card = _card(streets.of(first).lens, chosen, seeds, pairs)
         _write_card(output / CARD, card)
         with _progress() as progress:

@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from env.driving.setup import load_setup
-from env.evaluation.folder_lock import locked
 from sfol.errors import missing_extra
+from sfol.locking import locked_folder
 from sfol.writing import check_writable, replacing
 
 _STEPS = 512  # of all streets, for one update; three updates are recorded
@@ -57,7 +57,7 @@ def record(output: Path, perception: str) -> None:
         SfolError: another process has the folder, or nothing can be written there.
     """
     stacks, flame, table = (output / name for name in ("stacks.txt", "flame.svg", "stages.json"))
-    with locked(output):
+    with locked_folder(output):
         check_writable(stacks, flame, table)
         for kind, file in (("raw", stacks), ("flamegraph", flame)):
             _sample(kind, file, perception)

@@ -34,6 +34,6 @@ def _log(kb: KnowledgeBase) -> bytes:
         path = Path(folder) / "log.parquet"
         with LogWriter(path, kb) as log:
             for time in (0.0, 0.1):
-                log.step(Facts.parse("Pedestrian(p1): 0.8."), time=time, v=6.0, v_next=5.5, d=9.0)
+                log.step(Facts.parse("Pedestrian(p1): 0.8."), time, v=6.0, v_next=5.5, d=9.0)
             log.end_episode("success")
         return path.read_bytes()

@@ -5,12 +5,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from sfol import locking
 from sfol.errors import UsageError
-from sfol.locking import locked
+from sfol.locking import locked, locked_folder
 
 HOLD = """
 import sys
@@ -40,13 +41,6 @@ def test_a_lock_is_a_file_beside_and_ends_with_the_block(tmp_path):
     with pytest.raises(ZeroDivisionError), locked(tmp_path / "x", "log"):
         raise ZeroDivisionError
     assert lock(tmp_path / "x") == ["new", "x.lock"]
-
-
-def test_a_folder_can_be_locked(tmp_path):
-    (tmp_path / "run").mkdir()
-    with locked(tmp_path / "run", "run"), pytest.raises(UsageError, match="the log '"):
-        lock(tmp_path / "run")
-    assert os.listdir(tmp_path) == ["run"]
 
 
 def test_another_process_is_named_until_it_dies(tmp_path):
@@ -103,3 +97,67 @@ def test_what_can_not_be_locked_is_said(tmp_path):
         with pytest.raises(UsageError, match=r"can't be written"):
             lock(tmp_path / name)
     assert (tmp_path / "victim").read_text() == "precious"
+
+
+def test_who_has_a_folder_is_named_to_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/somewhere/aeb", "train", "--output", "my run"])
+    folder = tmp_path / "new" / "run"
+    with locked_folder(folder):
+        process = rf"process {os.getpid()} since 20[^(]* \(aeb train --output 'my run'\)"
+        with pytest.raises(UsageError, match=rf"the folder '{folder}' is in use by {process}"):
+            locked_folder(folder).__enter__()
+        with locked_folder(tmp_path / "other"):
+            pass
+    with locked_folder(folder):
+        pass
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"process 1\x1b[2J"])
+def test_a_lock_that_says_nothing_is_one_all_the_same(tmp_path, content):
+    with locked_folder(tmp_path):
+        (tmp_path / ".lock").write_bytes(content)
+        with pytest.raises(UsageError, match="in use by another process"):
+            locked_folder(tmp_path).__enter__()
+
+
+def test_never_two_at_once(tmp_path):
+    """Those who come while the last one leaves do not get the file that it removes."""
+    inside, most, rounds = [], [], []
+
+    def work():
+        for _ in range(200):
+            try:
+                with locked_folder(tmp_path):
+                    inside.append(1)
+                    most.append(len(inside))
+                    rounds.append(1)
+                    inside.pop()
+            except UsageError:
+                pass
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert rounds
+    assert set(most) == {1}
+
+
+def test_a_folder_that_can_t_be_written_is_an_error(tmp_path):
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(UsageError, match="can't be written"):
+            locked_folder(folder).__enter__()
+
+
+def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path):
+    precious = tmp_path / "precious"
+    precious.write_text("kept")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / ".lock").symlink_to(precious)
+    with pytest.raises(UsageError, match="can't be written"):
+        locked_folder(folder).__enter__()
+    assert precious.read_text() == "kept"

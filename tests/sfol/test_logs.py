@@ -30,7 +30,7 @@ def write(path, kb, endings=("success",)):
         for number, ending in enumerate(endings):
             for step in range(3):
                 facts = Facts.parse(f"Pedestrian(p{number}): 0.{step}1. NoCrosswalk(ego).")
-                log.step(facts, time=step / 10, v=6.0 + step, d=math.inf)
+                log.step(facts, step / 10, v=6.0 + step, d=math.inf)
             log.end_episode(ending)
 
 
@@ -67,7 +67,7 @@ def test_every_bit_comes_back(tmp_path_factory, scenes, signals):
             facts = Facts()
             for atom, bound in scene.items():
                 facts.add(*atom, bound=bound)
-            log.step(facts, time=0.1, **signals)
+            log.step(facts, 0.1, **signals)
     (episode,) = read_log(path).episodes
     assert episode.ending is None
     for step, scene in zip(episode.steps, scenes, strict=True):
@@ -78,9 +78,9 @@ def test_every_bit_comes_back(tmp_path_factory, scenes, signals):
 def test_facts_are_recorded_as_they_are_now(tmp_path, aeb):
     facts = Facts()
     with LogWriter(tmp_path / "x.parquet", aeb) as log:
-        log.step(facts, time=0.0)
+        log.step(facts, 0.0)
         facts.add("Vehicle", "v1")
-        log.step(facts, time=0.1)
+        log.step(facts, 0.1)
     (episode,) = read_log(tmp_path / "x.parquet").episodes
     assert [len(step.facts) for step in episode.steps] == [0, 1]
 
@@ -88,7 +88,7 @@ def test_facts_are_recorded_as_they_are_now(tmp_path, aeb):
 def test_the_file_appears_when_it_is_whole(tmp_path, aeb):
     path = tmp_path / "x.parquet"
     log = LogWriter(path, aeb)
-    log.step(Facts(), time=0.0)
+    log.step(Facts(), 0.0)
     assert {Path(name).suffix for name in os.listdir(tmp_path)} == {".part", ".lock"}
     log.close()
     assert os.listdir(tmp_path) == ["x.parquet"]
@@ -125,7 +125,7 @@ def test_it_is_compact(tmp_path, aeb):
     path = tmp_path / "x.parquet"
     with LogWriter(path, aeb) as log:
         for step in range(200):
-            log.step(Facts.parse(scene), time=step / 10, v=step * 0.1)
+            log.step(Facts.parse(scene), step / 10, v=step * 0.1)
     assert path.stat().st_size < 200 * len(scene) / 10
 
 
@@ -325,16 +325,24 @@ def test_a_log_that_is_too_long_is_not_read(whole, tmp_path, monkeypatch):
 def test_what_is_no_number_is_refused(tmp_path, aeb, value, name):
     with LogWriter(tmp_path / "x.parquet", aeb) as log:
         with pytest.raises(SignalError, match=f"'{name}' is .*, which is no number"):
-            log.step(Facts(), **{"time": 0.0, name: value})
-        log.step(Facts(), time=0.0, v=1.0)
+            log.step(Facts(), value, v=1.0) if name == "time" else log.step(Facts(), 0.0, v=value)
+        log.step(Facts(), 0.0, v=1.0)
     ((step,),) = [episode.steps for episode in read_log(tmp_path / "x.parquet").episodes]
     assert step.signals == {"v": 1.0}
+
+
+def test_a_signal_may_have_any_name(tmp_path, aeb):
+    signals = {"time": 3.0, "facts": 1.0, "self": 2.0}
+    with LogWriter(tmp_path / "x.parquet", aeb) as log:
+        log.step(Facts(), 0.5, **signals)
+    ((step,),) = [episode.steps for episode in read_log(tmp_path / "x.parquet").episodes]
+    assert (step.time, step.signals) == (0.5, signals)
 
 
 @pytest.mark.parametrize("ending", [5, "a\ud800", b"\xff", ["success"]])
 def test_an_ending_that_is_no_text_is_refused(tmp_path, aeb, ending):
     with LogWriter(tmp_path / "x.parquet", aeb) as log:
-        log.step(Facts(), time=0.0)
+        log.step(Facts(), 0.0)
         with pytest.raises(UsageError, match="can't be written"):
             log.end_episode(ending)
     assert [e.ending for e in read_log(tmp_path / "x.parquet").episodes] == [None]
@@ -342,11 +350,11 @@ def test_an_ending_that_is_no_text_is_refused(tmp_path, aeb, ending):
 
 def test_a_closed_log_is_closed(tmp_path, aeb):
     log = LogWriter(tmp_path / "x.parquet", aeb)
-    log.step(Facts(), time=0.0)
+    log.step(Facts(), 0.0)
     log.close()
     log.close()
     with pytest.raises(UsageError, match="is closed"):
-        log.step(Facts(), time=0.1)
+        log.step(Facts(), 0.1)
     with pytest.raises(UsageError, match="is closed"):
         log.end_episode("success")
     assert len(read_log(tmp_path / "x.parquet").episodes) == 1
@@ -355,9 +363,9 @@ def test_a_closed_log_is_closed(tmp_path, aeb):
 def test_a_second_writer_is_refused(tmp_path, aeb):
     path = tmp_path / "x.parquet"
     with LogWriter(path, aeb) as first:
-        with pytest.raises(UsageError, match=f"is being written by process {os.getpid()} since 20"):
+        with pytest.raises(UsageError, match=f"is in use by process {os.getpid()} since 20"):
             LogWriter(path, aeb)
-        first.step(Facts(), time=0.0)
+        first.step(Facts(), 0.0)
     assert len(read_log(path).episodes) == 1
     write(path, aeb)
     assert os.listdir(tmp_path) == ["x.parquet"]

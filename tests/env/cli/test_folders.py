@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 from env.cli import app
 from env.demo import demo
 from env.evaluation import evaluate, sweep
-from env.evaluation.folder_lock import locked
 from env.learning import training
 from env.study import study
 from env.tools import frames
 from sfol.errors import SfolError, UsageError
+from sfol.locking import locked_folder
 
 SETUP = {
     "version": 1,
@@ -64,7 +64,7 @@ def run(name, output, tmp_path, *more):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_folder_in_use_is_refused_and_left_alone(name, tmp_path):
-    with locked(tmp_path / "run"):
+    with locked_folder(tmp_path / "run"):
         done = run(name, tmp_path / "run", tmp_path)
         assert isinstance(done.exception, SfolError), done.exception
         assert re.search(r"in use by process \d+ \(.+\) since", str(done.exception))

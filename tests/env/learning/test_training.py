@@ -17,7 +17,6 @@ from env.cli import app
 from env.driving.policies import file_hash
 from env.driving.policy_files import PolicyFile, act, actor_of, load_actor
 from env.driving.setup import Setup, changed, load_setup, setup_names
-from env.evaluation.folder_lock import locked
 from env.learning import training
 from env.learning.journal import History
 from env.learning.new_model import new_model, untrained_model
@@ -25,6 +24,7 @@ from env.learning.training import train
 from env.learning.vector_streets import make_streets
 from sfol import KnowledgeBase
 from sfol.errors import SfolError, UsageError
+from sfol.locking import locked_folder
 
 SETUPS = Path(__file__).parents[3] / "setups"
 SMALL = """
@@ -543,7 +543,7 @@ def test_a_training_does_not_go_on_when_its_rules_have_changed(
 
 def test_two_trainings_do_not_share_a_folder(setup_file, run):
     before = content_of(run)
-    with locked(run), pytest.raises(SfolError, match="in use by process"):
+    with locked_folder(run), pytest.raises(SfolError, match="in use by process"):
         train(load_setup(setup_file), run)
     assert content_of(run) == before
 

@@ -128,9 +128,9 @@ def drives(tmp_path):
     near = Facts.parse("Pedestrian(p). OnRoad(p). CenterOf(p, ego).")
     with LogWriter(path, KnowledgeBase.load("aeb")) as log:
         for facts, speed in ((clear, 2.0), (clear, 6.0), (near, 4.0)):
-            log.step(facts, time=speed, v=speed, v_next=speed, d=9.0)
+            log.step(facts, speed, v=speed, v_next=speed, d=9.0)
         log.end_episode("success")
-        log.step(near, time=0.0, v=1.0, v_next=1.0, d=5.0)
+        log.step(near, 0.0, v=1.0, v_next=1.0, d=5.0)
         log.end_episode("timeout")
     return path
 

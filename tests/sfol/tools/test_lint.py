@@ -346,7 +346,7 @@ def test_a_log_on_the_command_line(tmp_path):
     scene = Facts.parse("Pedestrian(p). OnRoad(p). CenterOf(p, ego). Wheel(w).")
     with LogWriter(path, KnowledgeBase.load("aeb")) as log:
         for ending, distance in (("collision", math.inf), ("success", 0.0)):
-            log.step(scene, time=0.0, v=5.0, v_next=5.0, d=distance)
+            log.step(scene, 0.0, v=5.0, v_next=5.0, d=distance)
             log.end_episode(ending)
     done = sfol("lint", "aeb", "--log", path)
     assert done.code == 1

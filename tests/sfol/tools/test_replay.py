@@ -21,7 +21,7 @@ def drives(tmp_path_factory):
     with LogWriter(path, KnowledgeBase.load("aeb")) as log:
         for ending, steps in (("success", 100), ("collision", 3)):
             for step in range(steps):
-                log.step(NEAR, time=step / 10, v=6.0, v_next=6.0 - step / 100, d=9.0)
+                log.step(NEAR, step / 10, v=6.0, v_next=6.0 - step / 100, d=9.0)
             log.end_episode(ending)
     return path
 
@@ -39,9 +39,7 @@ def test_what_a_knowledge_base_does_not_know_is_left_out(tmp_path):
     kb = KnowledgeBase.load("aeb")
     path = tmp_path / "x.parquet"
     with LogWriter(path, kb) as log:
-        log.step(
-            Facts.parse("Pot(p). NoCrosswalk(ego). EmptyLane(ego)."), time=0, v=2, v_next=2, w=1
-        )
+        log.step(Facts.parse("Pot(p). NoCrosswalk(ego). EmptyLane(ego)."), 0, v=2, v_next=2, w=1)
     log = read_log(path)
     assert unknown_names(log, kb) == ("Pot", "w")
     assert replay(log, kb)[0].outcomes[0].confidences["efficiency1"] == 1.0
@@ -70,7 +68,7 @@ def test_the_first_and_the_last_step_are_shown(tmp_path, steps, every):
     path = tmp_path / "x.parquet"
     with LogWriter(path, KnowledgeBase.load("aeb")) as log:
         for step in range(steps):
-            log.step(NEAR, time=float(step), v=float(step), v_next=0.0, d=9.0)
+            log.step(NEAR, float(step), v=float(step), v_next=0.0, d=9.0)
     done = sfol("replay", path, *([] if every is None else ["--every", every]))
     lines = [line for line in done.out.splitlines() if "│ signal v " in line]
     shown = [int(cell) for line in lines for cell in line.split("│")[2:-1]]
@@ -110,7 +108,7 @@ def test_errors(drives, tmp_path, monkeypatch, kitchen):
     assert "no image format" in sfol("replay", drives, "--plot", tmp_path / "x.doc").err
     other = tmp_path / "other.parquet"
     with LogWriter(other, kitchen()) as log:
-        log.step(Facts(), time=0.0, speed=1.0)
+        log.step(Facts(), 0.0, speed=1.0)
     assert "recorded under 'kitchen', which is not bundled" in sfol("replay", other).err
     assert sfol("replay", other, tmp_path / "kitchen.yaml").code == 0
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
@@ -123,7 +121,7 @@ def test_the_name_in_a_log_is_no_path(tmp_path, kitchen, name):
     kb = replace(kitchen(), name=name.format(tmp_path))
     path = tmp_path / "x.parquet"
     with LogWriter(path, kb) as log:
-        log.step(Facts(), time=0.0, speed=1.0)
+        log.step(Facts(), 0.0, speed=1.0)
     done = sfol("replay", path)
     assert done.code == 2
     assert "which is not bundled" in done.err
@@ -137,5 +135,5 @@ def test_a_knowledge_base_that_changed_is_noted(tmp_path):
         (replace(kb, subject="you"), "note: 'crossing' has changed since the recording\n"),
     ):
         with LogWriter(path, recorded) as log:
-            log.step(Facts(), time=0.0, v=1.0, v_next=1.0)
+            log.step(Facts(), 0.0, v=1.0, v_next=1.0)
         assert sfol("replay", path).err == err
