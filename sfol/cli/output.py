@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 
 from rich.console import Console
 from rich.text import Text
 
-from sfol.errors import InvalidKnowledgeBase, SfolError
+from sfol.errors import InvalidKnowledgeBase, SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log
 from sfol.tools.replay import unknown_names
@@ -50,7 +52,7 @@ def singles(error: SfolError) -> tuple[SfolError, ...]:
 
 
 def run(command: Callable[..., object], **arguments: object) -> None:
-    """Run a command line; errors of ours end with exit code 2 and no traceback.
+    """Run a command line; errors of ours, and of the system, end with exit code 2 in one line.
 
     Args:
         command: a typer application, or `typer.run`.
@@ -60,10 +62,32 @@ def run(command: Callable[..., object], **arguments: object) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        command(**arguments)
+        _run_to_its_end(command, arguments)
     except SfolError as error:
         print_errors(error)
         sys.exit(2)
+    except BrokenPipeError:  # whoever reads has read enough, as head does
+        _drop_output()
+        sys.exit(1)
+    except OSError as error:
+        _drop_output()
+        what = f"'{error.filename}'" if error.filename else "the output"
+        print_errors(UsageError(f"{what} can't be read or written: {error.strerror or error}"))
+        sys.exit(2)
+
+
+def _run_to_its_end(command: Callable[..., object], arguments: Mapping[str, object]) -> None:
+    try:
+        command(**arguments)
+    finally:  # here what can't be written is still told
+        if sys.stdout is not None:
+            sys.stdout.flush()
+
+
+def _drop_output() -> None:
+    """Let nothing complain again, at the end of the process, about output that goes nowhere."""
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def print_errors(error: SfolError, *, but: Collection[str] = ()) -> None:
