@@ -28,7 +28,7 @@ GROUND = {
         "literals",
         "clauses",
     },
-    "vsr": {"classes", "segmentation", "entities", "grounding", "facts"},
+    "vsr": {"classes", "segmentation", "entities", "grounding", "facts", "tensor_files"},
     "env": set(),
 }
 ORDER = {

@@ -20,7 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 import sfol
-from sfol.errors import UsageError
+from sfol.errors import FileError, UsageError
 from sfol.writing import replacing
 from vsr.grounding import SegmentationGrounding
 from vsr.networks import autoencoder, unet
@@ -213,9 +213,21 @@ def _check_held_out(frames: FrameSet, file: Path) -> None:
             name="data",
         )
     for seen in (card.train, card.validation):
-        first, last = seen["seeds"]
+        first, last = _seeds(seen, file)
         if ((frames.streets >= first) & (frames.streets <= last)).any():
             raise UsageError("the network has seen these streets in its training", name="data")
+
+
+def _seeds(frames: Mapping[str, Any], file: Path) -> tuple[int, int]:
+    """Return the first and the last street of what a network has seen."""
+    match frames.get("seeds"):
+        case [int(first), int(last)]:
+            return first, last
+    raise FileError(
+        f"the card of '{file}' does not say which streets the network has seen",
+        name="seeds",
+        suggestion="seeds: [first, last]",
+    )
 
 
 def _table(title: str, rows: Mapping[str, Mapping[str, float]]) -> Table:
