@@ -28,7 +28,15 @@ GROUND = {
         "literals",
         "clauses",
     },
-    "vsr": {"classes", "segmentation", "entities", "grounding", "facts", "tensor_files"},
+    "vsr": {
+        "classes",
+        "segmentation",
+        "entities",
+        "grounding",
+        "facts",
+        "json_files",
+        "tensor_files",
+    },
     "env": set(),
 }
 ORDER = {

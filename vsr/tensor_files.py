@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Annotated, NamedTuple, TypeVar
 
 import torch
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import Tensor
 
 from sfol.errors import FileError
 from sfol.writing import replacing
+from vsr.json_files import read_json
 
 Model = TypeVar("Model", bound=BaseModel)
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -147,20 +148,7 @@ def read_card(path: Path, kind: type[Model], what: str) -> Model:
     Raises:
         FileError: there is none, it is too large, or it is not valid.
     """
-    try:
-        with path.open("rb") as opened:
-            content = opened.read(MOST_OF_CARD + 1)
-        if len(content) > MOST_OF_CARD:
-            raise FileError(
-                f"'{path}' is no {what}: it has more than {MOST_OF_CARD} bytes", name=str(path)
-            )
-        return kind.model_validate_json(content)
-    except OSError as error:
-        reason = str(error)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        reason = ": ".join([*filter(None, [".".join(map(str, first["loc"]))]), first["msg"]])
-    raise FileError(f"'{path}' is no {what}: {reason}", name=str(path))
+    return read_json(path, kind, what, most=MOST_OF_CARD)
 
 
 def write_card(card: BaseModel) -> bytes:

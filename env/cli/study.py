@@ -14,6 +14,7 @@ from env.cli.options import CellOption, DriversOption, WorkersOption
 from env.cli.progress import counters
 from env.driving.setup import load_setup
 from env.world.cells import CELLS, Cell
+from sfol.cli.output import escaped
 
 
 @app.command()
@@ -91,7 +92,7 @@ def study(  # noqa: PLR0913 (each is an option)
             bars.update(tasks[what], completed=done)
 
         run_study(plan, show)
-    console.print(f"Results: {folder}", soft_wrap=True)
+    console.print(f"Results: {escaped(folder)}", soft_wrap=True)
     make_products(folder, drivers, folder / "figures", console)
 
 

@@ -112,6 +112,7 @@ class Setup(_Section):
     version: Literal[1] = Field(description="version of this format")
     name: str = Field(
         pattern=r"^[a-z0-9_]+$",
+        max_length=64,
         description="name of the setup and of its trainings' folders: a to z, digits, _",
     )
     description: str = Field("", description="what it is for")

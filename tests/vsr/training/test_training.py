@@ -425,9 +425,9 @@ def test_the_command_line_trains_ships_and_judges(network, tmp_path, monkeypatch
     for split, street_number in (("train", 0), ("validation", 50)):
         save(random_frames(4, street_number), tmp_path / "data" / split)
     save(random_frames(2, 90, (224, 224)), tmp_path / "test")
-    weights_folder, figures = tmp_path / "weights", tmp_path / "figures.json"
+    weights_folder, figures = tmp_path / "[/] weights", tmp_path / "figures.json"
     options = ["--data", tmp_path / "data", "--output", weights_folder, "--epochs", 1]
-    options += ["--batch", 2, "--checkpoints", tmp_path / "checkpoints"]
+    options += ["--batch", 2, "--checkpoints", tmp_path / "[/] checkpoints"]
     options += ["--focus"] if network == "segmenter" else []
     trained = run(network, *options)
     assert trained.exit_code == 0, trained.output
