@@ -29,6 +29,7 @@ GROUND = {
         "clauses",
     },
     "vsr": {
+        "arrays",
         "classes",
         "segmentation",
         "entities",

@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from sfol.facts import Bound, Facts
 from vsr.classes import CLASS_COUNT, DYNAMIC_CLASSES, SemanticClass
-from vsr.entities import Area, ClassMap, Direction, Entity, class_map
+from vsr.entities import Area, ClassMap, Direction, Entity, check_within, class_map
 from vsr.grounding import Camera, SegmentationGrounding, UnratedPredicate
 
 FloatArray = NDArray[np.floating[Any]]
@@ -56,7 +56,7 @@ def scene_facts(
         The same facts.
 
     Raises:
-        UsageError: the map is not what it should be.
+        UsageError: the map is not what it should be, or the entities are of another.
 
     Source: paper, section "Obtain Predicates" and Table of predicates.
     """
@@ -375,6 +375,9 @@ class MapEvidence:
         classes: uint8 (H, W), the class map.
         grounding: how to read the map.
         pinhole: the camera.
+
+    Raises:
+        UsageError: an entity reaches beyond the map.
     """
 
     def __init__(
@@ -384,6 +387,7 @@ class MapEvidence:
         grounding: SegmentationGrounding,
         pinhole: Pinhole,
     ) -> None:
+        check_within(entities, classes.shape)
         self.entities = entities
         self.standing: Mapping[Entity, SemanticClass | None] = {
             person: ground_of(person, classes, grounding.window)
