@@ -32,26 +32,41 @@ def opened(path: Path, what: str = "file") -> BinaryIO:
         raise _unreadable(path, what, str(error)) from None
 
 
-def text_of(path: Path) -> str:
-    """Return the text of a file in UTF-8, of at most `MAXIMUM_BYTES`.
+def content_of(path: Path, what: str = "file", most: int = MAXIMUM_BYTES) -> bytes:
+    """Return the bytes of a file.
+
+    Args:
+        path: the file.
+        what: what it is, for the message.
+        most: bytes that it may have.
+
+    Raises:
+        FileError: it can't be read, or is too long.
+    """
+    with opened(path, what) as file:
+        try:
+            content = file.read(most + 1)  # however much a file grows meanwhile
+        except OSError as error:
+            raise _unreadable(path, what, error.strerror or str(error)) from None
+    if len(content) > most:
+        raise FileError(
+            f"the {what} has more than {most} bytes", name=path.name, place=Place(str(path))
+        )
+    return content
+
+
+def text_of(path: Path, what: str = "file", most: int = MAXIMUM_BYTES) -> str:
+    """Return the text of a file in UTF-8; arguments as for `content_of`.
 
     Raises:
         FileError: it can't be read, is too long or is not UTF-8.
     """
-    place = Place(str(path))
-    with opened(path) as file:
-        try:
-            content = file.read(MAXIMUM_BYTES + 1)  # however much a file grows meanwhile
-        except OSError as error:
-            raise _unreadable(path, "file", error.strerror or str(error)) from None
-    if len(content) > MAXIMUM_BYTES:
-        raise FileError(
-            f"the file has more than {MAXIMUM_BYTES} bytes", name=path.name, place=place
-        )
     try:
-        return content.decode()
+        return content_of(path, what, most).decode()
     except UnicodeDecodeError as error:
-        raise FileError(f"the file is not UTF-8 text: {error}", place=place) from None
+        raise FileError(
+            f"the {what} is not UTF-8 text: {error}", name=path.name, place=Place(str(path))
+        ) from None
 
 
 def first_reason(error: Exception) -> str:

@@ -31,7 +31,16 @@ GROUND = {
         "literals",
         "clauses",
     },
-    "vsr": {"classes", "segmentation", "entities", "grounding", "facts"},
+    "vsr": {
+        "arrays",
+        "classes",
+        "segmentation",
+        "entities",
+        "grounding",
+        "facts",
+        "json_files",
+        "tensor_files",
+    },
     "env": set(),
 }
 ORDER = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sfol.errors import UsageError
+from vsr.arrays import checked_array
 from vsr.classes import CLASS_COUNT, ENTITY_CLASSES, SemanticClass
 
 ClassMap = NDArray[np.uint8]
@@ -53,6 +55,9 @@ class Entity:
         confidence: τ̂, the mean probability of its class over its pixels, 0 to 1.
         box: the smallest rectangle around it, in px.
         mask: bool (box height, box width), its pixels within the box.
+
+    Raises:
+        UsageError: mask and box do not fit, or the confidence is not from 0 to 1.
     """
 
     name: str
@@ -60,6 +65,14 @@ class Entity:
     confidence: float
     box: Box
     mask: Mask
+
+    def __post_init__(self) -> None:
+        top, left, bottom, right = self.box
+        checked_array(self.mask, np.bool_, (bottom - top, right - left), "mask")
+        if not 0.0 <= self.confidence <= 1.0:
+            raise UsageError(
+                f"a confidence of {self.confidence}", name=self.name, suggestion="0 to 1"
+            )
 
     @property
     def area(self) -> int:
@@ -132,8 +145,8 @@ def class_map(scene: NDArray[Any]) -> ClassMap:
     Raises:
         UsageError: the array is neither of the two.
     """
-    if scene.dtype == np.uint8:
-        return _checked_classes(scene)
+    if getattr(scene, "dtype", None) == np.uint8:
+        return checked_classes(scene)
     _check_probabilities(scene)
     best = scene[0].copy()
     classes = np.zeros(best.shape, np.uint8)
@@ -170,10 +183,14 @@ def find_entities(
 
     Source: paper, section "Obtain Predicates".
     """
-    if minimum_area < 1:
-        raise UsageError(f"minimum_area is {minimum_area}", name="minimum_area", suggestion="≥ 1")
-    labels = class_map(probabilities) if classes is None else _checked_classes(classes)
-    if probabilities.shape != (CLASS_COUNT, *labels.shape):
+    if not isinstance(minimum_area, Integral) or minimum_area < 1:
+        raise UsageError(
+            f"minimum_area is {minimum_area}", name="minimum_area", suggestion="an integer, ≥ 1"
+        )
+    shape = (CLASS_COUNT, "H", "W")
+    checked_array(probabilities, np.floating, shape, "probabilities")
+    labels = class_map(probabilities) if classes is None else checked_classes(classes)
+    if probabilities.shape[1:] != labels.shape:
         raise UsageError(
             f"the class map {labels.shape} does not belong to the map {probabilities.shape}",
             name="classes",
@@ -250,33 +267,49 @@ def _clip(offset: int, size: int) -> int:
 
 def _mean_probability(probabilities: NDArray[np.floating[Any]]) -> float:
     # The paper's τ̂_c = 1/|R_c| Σ σ(p); rounding may lift a mean of ones above one.
-    return min(float(probabilities.mean(dtype=np.float64)), 1.0)
+    mean = float(probabilities.mean(dtype=np.float64))
+    return min(mean, 1.0) if mean <= 1.0 + _SUM_TOLERANCE else mean
 
 
-def _checked_classes(classes: NDArray[Any]) -> ClassMap:
-    if classes.ndim != 2 or classes.dtype != np.uint8:
+def checked_classes(classes: NDArray[Any]) -> ClassMap:
+    """Return a class map, uint8 (H, W).
+
+    Raises:
+        UsageError: it is none, is empty, or has numbers beyond the classes.
+    """
+    checked_array(classes, np.uint8, ("H", "W"), "a class map")
+    if classes.max() >= CLASS_COUNT:
         raise UsageError(
-            f"a class map has the shape {classes.shape} and type {classes.dtype}",
-            name="classes",
-            suggestion="it is uint8 of shape (H, W)",
-        )
-    if classes.size == 0 or classes.max() >= CLASS_COUNT:
-        raise UsageError(
-            "a class map is empty or has numbers beyond the classes",
+            "a class map has numbers beyond the classes",
             name="classes",
             suggestion=f"its numbers are 0 to {CLASS_COUNT - 1}",
         )
     return classes
 
 
+def check_within(entities: Iterable[Entity], shape: tuple[int, ...]) -> None:
+    """Refuse entities of another map.
+
+    Args:
+        entities: what was found.
+        shape: (H, W) of the map.
+
+    Raises:
+        UsageError: one reaches beyond the map.
+    """
+    height, width = shape
+    for entity in entities:
+        top, left, bottom, right = entity.box
+        if top < 0 or left < 0 or bottom > height or right > width:
+            raise UsageError(
+                f"'{entity.name}', {tuple(entity.box)}, is beyond a map of {height}×{width} px",
+                name=entity.name,
+                suggestion="entities and map are of the same frame",
+            )
+
+
 def _check_probabilities(scene: NDArray[Any]) -> None:
-    shape_fits = scene.ndim == 3 and scene.shape[0] == CLASS_COUNT and scene.size > 0
-    if not shape_fits or not np.issubdtype(scene.dtype, np.floating):
-        raise UsageError(
-            f"a segmentation map has the shape {scene.shape} and type {scene.dtype}",
-            name="probabilities",
-            suggestion=f"it is float32 of shape ({CLASS_COUNT}, H, W)",
-        )
+    checked_array(scene, np.floating, (CLASS_COUNT, "H", "W"), "a segmentation map")
     # Written so that NaN fails them too.
     sums = scene.sum(axis=0)
     if not (scene.min() >= 0.0 and np.abs(sums - 1.0).max() <= _SUM_TOLERANCE):

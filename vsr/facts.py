@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy import ndimage
 
 from sfol.facts import Bound, Facts
 from vsr.classes import CLASS_COUNT, DYNAMIC_CLASSES, SemanticClass
-from vsr.entities import Area, ClassMap, Direction, Entity, class_map
+from vsr.entities import Area, ClassMap, Direction, Entity, check_within, class_map
 from vsr.grounding import Camera, SegmentationGrounding, UnratedPredicate
 
 FloatArray = NDArray[np.floating[Any]]
@@ -57,7 +56,7 @@ def scene_facts(
         The same facts.
 
     Raises:
-        UsageError: the map is not what it should be.
+        UsageError: the map is not what it should be, or the entities are of another.
 
     Source: paper, section "Obtain Predicates" and Table of predicates.
     """
@@ -122,14 +121,18 @@ class Evidence(Protocol):
         """Each pedestrian's ground; None where none is seen."""
         ...
 
-    def beside(self, person: Entity, vehicle: Entity) -> float:
-        """Return how many px of a vehicle lie in the windows beside a pedestrian."""
+    def beside(self, person: Entity) -> Mapping[Entity, float]:
+        """Return how many px of each vehicle lie in the windows beside a pedestrian.
+
+        Vehicles stand in the order of the entities; those of which none do may be left out.
+        """
         ...
 
-    def before(self, vehicle: Entity, other: Entity) -> float:
-        """Return how many px of a vehicle lie before a crosswalk or pedestrian, or touch one.
+    def before(self, other: Entity) -> Mapping[Entity, float]:
+        """Return how many px of each vehicle lie before a crosswalk or pedestrian, or touch one.
 
-        Only of a vehicle that is closer, which is what reaches lower in the picture.
+        Only of vehicles that are closer, which is what reaches lower in the picture; others may be
+        left out.
         """
         ...
 
@@ -157,17 +160,25 @@ def unrated_atoms(
     vehicles = of_kind(evidence.entities, SemanticClass.VEHICLE, SemanticClass.TRUCK)
     crosswalks = of_kind(evidence.entities, SemanticClass.CROSSWALK)
     enough = grounding.minimum_pixels
+    # Asked for one by one, all pairs would be more than a map of many small entities has pixels.
+    before = [
+        (vehicle, place, other.name)
+        for place, other in enumerate([*crosswalks, *people])
+        for vehicle, pixels in evidence.before(other).items()
+        if pixels >= enough
+    ]
+    order = {vehicle: place for place, vehicle in enumerate(vehicles)}
     hidden = [
-        (vehicle.name, other.name)
-        for vehicle, other in product(vehicles, [*crosswalks, *people])
-        if evidence.before(vehicle, other) >= enough
+        (vehicle.name, other)
+        for vehicle, _, other in sorted(before, key=lambda found: (order[found[0]], found[1]))
     ]
     yield from regions(evidence.entities, 2 * pinhole.middle, subject)
     yield from crosswalk_distances(crosswalks, grounding, pinhole, subject)
     yield from grounds(evidence.standing)
-    for person, vehicle in product(people, vehicles):
-        if evidence.beside(person, vehicle) >= enough:
-            yield "IsNear", person.name, vehicle.name
+    for person in people:
+        for vehicle, pixels in evidence.beside(person).items():
+            if pixels >= enough:
+                yield "IsNear", person.name, vehicle.name
     for vehicle_name, other_name in hidden:
         yield "Occludes", vehicle_name, other_name
     occluded = {name for _, name in hidden} if grounding.clear_requires_unoccluded else set()
@@ -323,6 +334,39 @@ def _feet(person: Entity, height: int, window: int) -> Area:
     return rows, slice(max(person.box.left - window, 0), person.box.right + window)
 
 
+@dataclass(frozen=True, eq=False)
+class _Numbered:
+    """Entities that share no pixel, as a map of their numbers, so that a window tells who is in it.
+
+    Attributes:
+        entities: in order.
+        numbers: int32 (H, W), the place of each pixel's entity, from 1; 0 where there is none.
+    """
+
+    entities: Sequence[Entity]
+    numbers: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, entities: Sequence[Entity], shape: tuple[int, ...]) -> _Numbered:
+        numbers = np.zeros(shape, np.int32)
+        for number, entity in enumerate(entities, start=1):
+            numbers[entity.box.area][entity.mask] = number
+        return cls(entities, numbers)
+
+    def within(self, *areas: Area) -> dict[Entity, int]:
+        """Return who has how many pixels in some areas, which may reach beyond the map."""
+        return self.counted(*(self.numbers[area].ravel() for area in areas))
+
+    def counted(self, *pixels: NDArray[np.int32]) -> dict[Entity, int]:
+        """Return who has how many of some pixels, in the entities' order."""
+        some = [part[part > 0] for part in pixels]
+        if not any(part.size for part in some):
+            return {}
+        found, counts = np.unique(np.concatenate(some), return_counts=True)
+        pairs = zip(found.tolist(), counts.tolist(), strict=True)
+        return {self.entities[number - 1]: count for number, count in pairs}
+
+
 class MapEvidence:
     """What the pixels of a class map show of its entities.
 
@@ -331,6 +375,9 @@ class MapEvidence:
         classes: uint8 (H, W), the class map.
         grounding: how to read the map.
         pinhole: the camera.
+
+    Raises:
+        UsageError: an entity reaches beyond the map.
     """
 
     def __init__(
@@ -340,34 +387,38 @@ class MapEvidence:
         grounding: SegmentationGrounding,
         pinhole: Pinhole,
     ) -> None:
+        check_within(entities, classes.shape)
         self.entities = entities
         self.standing: Mapping[Entity, SemanticClass | None] = {
             person: ground_of(person, classes, grounding.window)
             for person in of_kind(entities, SemanticClass.PEDESTRIAN)
         }
-        self._height = classes.shape[0]
         self._grounding = grounding
         self._pinhole = pinhole
+        vehicles = of_kind(entities, SemanticClass.VEHICLE, SemanticClass.TRUCK)
+        self._vehicles = _Numbered.of(vehicles, classes.shape)
+        feet = [
+            _feet(person, classes.shape[0], grounding.window)
+            for person, ground in self.standing.items()
+            if ground is SemanticClass.CROSSWALK
+        ]
+        crosswalks = of_kind(entities, SemanticClass.CROSSWALK) if feet else []
+        self._trodden = _Numbered.of(crosswalks, classes.shape).within(*feet)
 
-    def beside(self, person: Entity, vehicle: Entity) -> float:
+    def beside(self, person: Entity) -> Mapping[Entity, int]:
         """See `Evidence`."""
         sides = (Direction.LEFT_OF, Direction.RIGHT_OF)
-        windows = (person.beside(side, self._grounding.window) for side in sides)
-        return sum(int(np.count_nonzero(vehicle.on(window))) for window in windows)
+        return self._vehicles.within(*(person.beside(s, self._grounding.window) for s in sides))
 
-    def before(self, vehicle: Entity, other: Entity) -> float:
+    def before(self, other: Entity) -> Mapping[Entity, int]:
         """See `Evidence`. Paper: the other lies behind it along the same line of sight."""
         if other.kind is SemanticClass.CROSSWALK:
-            return _before_crosswalk(vehicle, other, self._grounding.road, self._pinhole)
-        return _before_person(vehicle, other)
+            return _before_crosswalk(self._vehicles, other, self._grounding.road, self._pinhole)
+        return _before_person(self._vehicles, other)
 
     def is_trodden(self, crosswalk: Entity) -> bool:
         """See `Evidence`."""
-        return any(
-            crosswalk.on(_feet(person, self._height, self._grounding.window)).any()
-            for person, ground in self.standing.items()
-            if ground is SemanticClass.CROSSWALK
-        )
+        return crosswalk in self._trodden
 
     def in_lane(self, vehicle: Entity) -> float:
         """See `Evidence`."""
@@ -379,35 +430,39 @@ class MapEvidence:
 
 
 def _before_crosswalk(
-    vehicle: Entity, crosswalk: Entity, road: tuple[float, float], pinhole: Pinhole
-) -> int:
-    """Return how many pixels of a vehicle lie before a crosswalk, seen or hidden.
+    vehicles: _Numbered, crosswalk: Entity, road: tuple[float, float], pinhole: Pinhole
+) -> dict[Entity, int]:
+    """Return how many pixels of each vehicle lie before a crosswalk, seen or hidden.
 
     What is hidden leaves no pixels, so the crosswalk's rows are taken to reach across the road.
     Only a vehicle that meets the ground before the crosswalk's middle is closer: one that stands
     just behind may still touch its far edge by a row.
     """
-    if vehicle.bottom <= crosswalk.centre[0]:
-        return 0
     top, left, bottom, right = crosswalk.box
     rows = np.arange(top, bottom) + 0.5
     first = np.minimum(pinhole.columns(road[0], rows), left)[:, None]
     last = np.maximum(pinhole.columns(road[1], rows), right)[:, None]
-    columns = np.arange(vehicle.box.left, vehicle.box.right) + 0.5
+    columns = np.arange(vehicles.numbers.shape[1]) + 0.5
     band = (columns > first) & (columns < last)
-    seen = vehicle.on((slice(top, bottom), vehicle.box.area[1]))
-    return int(np.count_nonzero(band & seen))
+    return _closer(vehicles.counted(vehicles.numbers[top:bottom][band]), crosswalk.centre[0])
 
 
-def _before_person(vehicle: Entity, person: Entity) -> int:
-    """Return how many pixels of a closer vehicle touch what is visible of a pedestrian."""
-    if vehicle.bottom <= person.bottom:
-        return 0
+def _before_person(vehicles: _Numbered, person: Entity) -> dict[Entity, int]:
+    """Return how many pixels of each closer vehicle touch what is visible of a pedestrian."""
     top, left, bottom, right = person.box
-    around = vehicle.on((slice(top - 1, bottom + 1), slice(left - 1, right + 1)))
+    first_row, first_column = max(top - 1, 0), max(left - 1, 0)
+    around = vehicles.numbers[first_row : bottom + 1, first_column : right + 1]
     if not around.any():
-        return 0
-    return int(np.count_nonzero(around & ndimage.binary_dilation(np.pad(person.mask, 1))))
+        return {}
+    touched = ndimage.binary_dilation(np.pad(person.mask, 1))
+    touched = touched[first_row - (top - 1) :, first_column - (left - 1) :]
+    touched = touched[: around.shape[0], : around.shape[1]]
+    return _closer(vehicles.counted(around[touched]), person.bottom)
+
+
+def _closer(found: Mapping[Entity, int], row: float) -> dict[Entity, int]:
+    """Return those whose lower edge is below a row."""
+    return {vehicle: pixels for vehicle, pixels in found.items() if vehicle.bottom > row}
 
 
 def of_kind(entities: Iterable[Entity], *kinds: SemanticClass) -> list[Entity]:

@@ -62,6 +62,7 @@ class SegmentationGrounding(_Section):
     window: int = Field(
         default=15,
         ge=1,
+        le=4096,
         description="How far below and beside an entity its surroundings are searched, in px.",
     )
     approaching: Pair = Field(

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfol.errors import UsageError
 from sfol.tools.plotting import new_figure
+from vsr.arrays import checked_array
 from vsr.classes import CLASS_COUNT, COLOURS, DESCRIPTOR_CLASSES, SemanticClass
-from vsr.entities import ClassMap, Direction, Entity
+from vsr.entities import ClassMap, Direction, Entity, checked_classes
 from vsr.hypervectors.codebook import GRID
 from vsr.hypervectors.decoding import DecodedEntity
 
@@ -22,6 +24,7 @@ Rgb = NDArray[np.uint8]
 
 _BACKGROUND = (150, 150, 150)
 _ARROWS = {Direction.LEFT_OF: "←", Direction.RIGHT_OF: "→", Direction.BELOW_OF: "↓"}
+_WHOLE = 1.0 + 1e-4  # a share, with rounding
 _SHOWN = 0.1  # parts of a cell below this are not drawn
 # The colour of each class, uint8 (28, 3).
 PALETTE = np.array(
@@ -39,7 +42,13 @@ def overlay(gray: NDArray[np.uint8], classes: ClassMap, strength: float = 0.45) 
 
     Returns:
         uint8 (H, W, 3).
+
+    Raises:
+        UsageError: the arrays are not what they should be, or of two sizes.
     """
+    checked_array(gray, np.uint8, checked_classes(classes).shape, "gray")
+    if not 0.0 <= strength <= 1.0:
+        raise UsageError(f"a strength of {strength}", name="strength", suggestion="0 to 1")
     tinted = (1.0 - strength) * gray[..., None] + strength * PALETTE[classes]
     return _rounded(tinted)
 
@@ -54,8 +63,15 @@ def attention_overlay(gray: NDArray[np.uint8], layers: NDArray[np.float32]) -> R
 
     Returns:
         uint8 (H, W, 3); cells that entities cover well are also tinted.
+
+    Raises:
+        UsageError: the arrays are not what they should be, or a share is not from 0 to 1.
     """
-    height, width = gray.shape
+    height, width = checked_array(gray, np.uint8, ("H", "W"), "gray").shape
+    count, side = (*layers.shape, 0, 0)[:2] if isinstance(layers, np.ndarray) else (0, 0)
+    checked_array(layers, np.float32, (count, side, side), "layers")
+    if layers.size and not (layers.min() >= 0.0 and layers.max() <= _WHOLE):
+        raise UsageError("a share of a cell is not from 0 to 1", name="layers")
     cells = layers.max(axis=0, initial=0.0)
     rows, columns = (np.arange(size) * cells.shape[0] // size for size in (height, width))
     attention = np.sqrt(cells[np.ix_(rows, columns)])[..., None]  # small shares are seen, too

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfol.errors import UsageError
+from vsr.arrays import checked_array
 from vsr.classes import CLASS_COUNT
 
 
@@ -21,11 +22,19 @@ class Frame:
         gray: uint8 (H, W), grey values, 224×224 in the paper.
         classes: uint8 (H, W), the `SemanticClass` of each pixel.
         instances: int32 (H, W), the body that each pixel belongs to, -1 where there is none.
+
+    Raises:
+        UsageError: an array has another type, or they differ in shape.
     """
 
     gray: NDArray[np.uint8]
     classes: NDArray[np.uint8]
     instances: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        shape = checked_array(self.gray, np.uint8, ("H", "W"), "gray").shape
+        checked_array(self.classes, np.uint8, shape, "classes")
+        checked_array(self.instances, np.signedinteger, shape, "instances")
 
 
 class Segmenter(Protocol):
@@ -41,6 +50,27 @@ class Segmenter(Protocol):
         ...
 
 
+def check_alike(frames: Sequence[Frame], who: str) -> None:
+    """Refuse frames that are no batch.
+
+    Args:
+        frames: to be stacked.
+        who: needs them.
+
+    Raises:
+        UsageError: there are none, or they differ in size.
+    """
+    if not frames:
+        raise UsageError(f"{who} needs at least one frame", name="frames")
+    sizes = sorted({frame.gray.shape for frame in frames})
+    if len(sizes) > 1:
+        raise UsageError(
+            f"frames of sizes {sizes[0]} and {sizes[1]} are no batch",
+            name="frames",
+            suggestion="one size, (H, W), for all",
+        )
+
+
 class SimulatorSegmenter:
     """The simulator's own class map as one-hot probabilities.
 
@@ -51,11 +81,16 @@ class SimulatorSegmenter:
         """Return the frames' class maps, float32 (B, 28, H, W), one-hot over axis 1.
 
         Raises:
-            UsageError: there are no frames.
+            UsageError: there are no frames, they differ in size, or a class has no such number.
         """
-        if not frames:
-            raise UsageError("a segmenter needs at least one frame", name="frames")
+        check_alike(frames, "a segmenter")
         labels = np.stack([frame.classes for frame in frames])
+        if labels.max() >= CLASS_COUNT:
+            raise UsageError(
+                f"a frame has the class {labels.max()}",
+                name="classes",
+                suggestion=f"classes are 0 to {CLASS_COUNT - 1}",
+            )
         channels = np.arange(CLASS_COUNT, dtype=labels.dtype)[:, None, None]
         one_hot: NDArray[np.float32] = (labels[:, None] == channels).astype(np.float32)
         return one_hot

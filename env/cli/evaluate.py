@@ -25,7 +25,9 @@ from env.cli.progress import counting
 from env.driving.setup import DISCOUNT
 from env.street.seeds import FINAL_TEST
 from env.world.cells import CELLS, Cell, CellOcclusion, Traffic
+from sfol.cli.output import escaped
 from sfol.errors import UsageError
+from vsr.json_files import valid_text
 
 if TYPE_CHECKING:
     from env.evaluation.evaluate import Drive
@@ -119,7 +121,7 @@ def evaluate_command(  # noqa: PLR0913 (each is an option)
     tables.print_results(console, complete)
     if returns:
         _print_returns(console, complete)
-    console.print(f"Results: {output}", soft_wrap=True)
+    console.print(f"Results: {escaped(output)}", soft_wrap=True)
 
 
 def _cells(
@@ -146,7 +148,7 @@ def _command(drive: Drive, rules: str) -> str:
         "--perception", drive.perception, "--rules", rules, "--discount", str(drive.discount),
     ]  # fmt: skip
     flags = {"--no-hazard": not drive.hazard, "--trust": drive.trust}
-    return shlex.join([*words, *(flag for flag, wanted in flags.items() if wanted)])
+    return valid_text(shlex.join([*words, *(flag for flag, wanted in flags.items() if wanted)]))
 
 
 def _print_returns(console: Console, results: Sequence[DriveResult]) -> None:

@@ -78,7 +78,7 @@ def counters(console: Console, unit: str, clock: Callable[[], float] = time.mono
         unit: what the items are.
         clock: the time, in s.
     """
-    text = TextColumn("{task.description:<32}")
+    text = TextColumn("{task.description:<32}", markup=False)
     # Where there is little room it is the bar that gets shorter, not the numbers.
     count = MofNCompleteColumn(table_column=Column(no_wrap=True))
     times = TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn()

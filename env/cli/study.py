@@ -14,6 +14,7 @@ from env.cli.options import CellOption, DriversOption, WorkersOption
 from env.cli.progress import counters
 from env.driving.setup import load_setup
 from env.world.cells import CELLS, Cell
+from sfol.cli.output import escaped
 from sfol.writing import check_writable
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def study(  # noqa: PLR0913 (each is an option)
     with locked_folder(folder):
         check_writable(figures / "collision_test.md")
         _run(plan, console)
-        console.print(f"Results: {folder}", soft_wrap=True)
+        console.print(f"Results: {escaped(folder)}", soft_wrap=True)
         make_products(folder, drivers, figures, console)
 
 

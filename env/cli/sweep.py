@@ -13,6 +13,7 @@ import sfol
 from env.cli.app import app
 from env.cli.options import DriverOption, PerceptionOption, RulesOption, TrustOption, WorkersOption
 from env.cli.progress import counting
+from sfol.cli.output import escaped
 from sfol.writing import check_writable
 
 
@@ -59,4 +60,4 @@ def sweep_command(  # noqa: PLR0913 (each is an option)
                 console.print(tables.sweep_table(name, results[-1]))
         approaches = tuple(result for some in results for result in some)
         write_json(file, SweepResult(perception, seed, kb.name, kb.hash, versions(), approaches))
-    console.print(f"Results: {file}", soft_wrap=True)
+    console.print(f"Results: {escaped(file)}", soft_wrap=True)

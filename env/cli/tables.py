@@ -14,6 +14,7 @@ from env.evaluation.results import DriveResult
 from env.evaluation.returns import BehaviourReturn
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
+from sfol.cli.output import escaped
 
 NOTHING = "–"
 
@@ -92,13 +93,15 @@ def coverage_table(results: Sequence[DriveResult]) -> Table:
     )
     table.add_column("")
     for driver in drivers:
-        table.add_column(driver, justify="right")
+        table.add_column(escaped(driver), justify="right")
     for rule in results[0].summary.rules:
         shares = [_coverage(summaries[driver], rule) for driver in drivers]
-        table.add_row(rule, *(_share(share) if share else "[red]never[/]" for share in shares))
+        table.add_row(
+            escaped(rule), *(_share(share) if share else "[red]never[/]" for share in shares)
+        )
     for weight in results[0].summary.fluctuation:
         means = [Mean.pooled(s.fluctuation[weight] for s in summaries[d]) for d in drivers]
-        table.add_row(f"w {weight}", *map(_number, means))
+        table.add_row(f"w {escaped(weight)}", *map(_number, means))
     return table
 
 
@@ -124,7 +127,7 @@ def returns_table(returns: Sequence[BehaviourReturn]) -> Table:
 
 def sweep_table(driver: str, results: Sequence[ApproachResult]) -> Table:
     """Return what came of a driver's approaches: a row per speed, a column per point of impact."""
-    table = Table("km/h", title=driver, title_justify="left", box=SIMPLE_HEAD)
+    table = Table("km/h", title=escaped(driver), title_justify="left", box=SIMPLE_HEAD)
     impacts = sorted({result.impact for result in results})
     for impact in impacts:
         table.add_column(f"at {impact:.0%}", justify="right")
@@ -154,7 +157,7 @@ def _table(title: str, *columns: str) -> Table:
 def _where(result: DriveResult) -> tuple[str, str]:
     settings = result.settings
     cell = f"{settings.traffic}/{settings.occlusion}"
-    return settings.driver, cell if settings.hazard else f"{cell}, no hazard"
+    return escaped(settings.driver), cell if settings.hazard else f"{cell}, no hazard"
 
 
 def _percent(measured: Pooled | None, colour: str) -> str:

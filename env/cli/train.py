@@ -12,6 +12,7 @@ from rich.table import Table
 from env.cli.app import app
 from env.cli.progress import counters
 from env.driving.setup import changed, load_setup, setup_names, training_name
+from sfol.cli.output import escaped
 
 
 @app.command()
@@ -65,7 +66,7 @@ def train(
             progress=lambda steps, stage: bars.update(task, completed=steps, description=stage),
         )
     console.print(_table(trained.evaluations))
-    console.print(f"The policy: {trained.policy}", soft_wrap=True)
+    console.print(f"The policy: {escaped(trained.policy)}", soft_wrap=True)
 
 
 def _table(evaluations: tuple[dict[str, float], ...]) -> Table:

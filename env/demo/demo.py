@@ -24,6 +24,7 @@ from env.street.crossing import OccludedCrossing
 from env.world.actors import Behaviour
 from env.world.cells import Traffic
 from env.world.world import Occlusion
+from sfol.cli.output import escaped
 from sfol.facts import Facts
 from sfol.locking import locked_folder
 from sfol.writing import check_writable
@@ -80,8 +81,10 @@ def run_demo(rules: str, output: Path, seed: int, console: Console) -> None:
         path, log = output / _REPORT, output / _LOG
         write_report(path, episodes, _groups(kb), focus, Provenance(kb.name, kb.hash, made))
         write_log(log, episodes, kb)
-    console.print(f"\n{steps} steps in {seconds:.0f} s. The report: {path}", soft_wrap=True)
-    console.print(f"Other rules on these steps: sfol diff {rules} FILE --log {log}", soft_wrap=True)
+    report = f"\n{steps} steps in {seconds:.0f} s. The report: {escaped(path)}"
+    console.print(report, soft_wrap=True)
+    again = f"sfol diff {rules} FILE --log {log}"
+    console.print(f"Other rules on these steps: {escaped(again)}", soft_wrap=True)
 
 
 def _explained(episodes: Sequence[Episode], kb: sfol.KnowledgeBase, console: Console) -> Focus:
@@ -108,7 +111,7 @@ def _drive_all(
     plans: Sequence[DemoDrive], kb: sfol.KnowledgeBase, console: Console
 ) -> list[Episode]:
     columns = (
-        TextColumn("{task.description:<34}"),
+        TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TextColumn("{task.completed:3.0f} of {task.total:.0f} m"),
         TimeElapsedColumn(),
@@ -177,7 +180,9 @@ def _coverage_table(counts: Mapping[str, int], episodes: Sequence[Episode]) -> T
     table.add_column("steps above zero", justify="right")
     table.add_column("share", justify="right")
     for head, count in counts.items():
-        table.add_row(head, str(count) if count else "[red]never[/]", f"{count / total:.0%}")
+        table.add_row(
+            escaped(head), str(count) if count else "[red]never[/]", f"{count / total:.0%}"
+        )
     return table
 
 

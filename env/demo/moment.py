@@ -11,7 +11,7 @@ import sfol
 from env.demo.episode import Step
 from env.perception.pipeline import ScenePipeline
 from vsr.hypervectors.codebook import Codebook
-from vsr.hypervectors.decoding import Decoder
+from vsr.hypervectors.decoding import MOST_ENTITIES, Decoder
 from vsr.hypervectors.descriptor import SceneDescriptor
 from vsr.pictures import draw_decoded, draw_scene
 from vsr.segmentation import Frame
@@ -33,7 +33,8 @@ def moment_pictures(step: Step, kb: sfol.KnowledgeBase) -> tuple[tuple[str, byte
     (scene,) = pipeline.perceive([frame])
     layout = SceneDescriptor(codebook, pipeline.grounding).layout(scene.entities, scene.classes)
     seen = draw_scene(step.frame, scene.classes, scene.entities, layout.attention, scene.facts)
-    decoded = Decoder(codebook).decode(step.descriptor, most=max(len(layout.names), 1))
+    most = min(max(len(layout.names), 1), MOST_ENTITIES)
+    decoded = Decoder(codebook).decode(step.descriptor, most=most)
     read = draw_decoded(decoded, title="read from the descriptor")
     return (
         ("Classes and entities in the frame, what the features attend to, the facts", _png(seen)),

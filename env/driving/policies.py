@@ -85,16 +85,8 @@ class TrainedDriver:
 
         check_exists(path)
         file = PolicyFile(path)
-        setup = file.card().setup
-        self._network = file.network()
-        self._observer = observer_of(
-            setup.observation,
-            DashCameraParameters().size,
-            setup.fusion,
-            file.codebook() if setup.observation == "vsr" else None,
-            speed=setup.speed,
-        )
-        self._last: deque[Any] = deque(maxlen=setup.frames)
+        self._observer, self._network = file.load()
+        self._last: deque[Any] = deque(maxlen=file.card().setup.frames)
 
     def reset(self) -> None:
         """Forget what was observed."""

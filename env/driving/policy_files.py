@@ -11,16 +11,18 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
-from pydantic import BaseModel, ConfigDict, ValidationError
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from gymnasium import spaces
+from pydantic import BaseModel, ConfigDict
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from env.driving.setup import Setup
+from env.street.observation import Observer, observer_of
+from env.world.camera import DashCameraParameters
 from sfol.errors import FileError
-from sfol.reading import first_reason
-from sfol.writing import replacing
+from vsr import tensor_files
 from vsr.hypervectors.codebook import Codebook
+from vsr.tensor_files import Header, Sha256
 
 
 class PolicyCard(BaseModel):
@@ -34,6 +36,8 @@ class PolicyCard(BaseModel):
         knowledge_base_hash: of its content.
         evaluation: how it drove on streets that training did not see.
         versions: of the software that trained it.
+        sha256: of the file of weights; None before it is written.
+        codebook_sha256: of the file of symbols; None if it has none.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,6 +49,8 @@ class PolicyCard(BaseModel):
     knowledge_base_hash: str
     evaluation: dict[str, float]
     versions: dict[str, str]
+    sha256: Sha256 | None = None
+    codebook_sha256: Sha256 | None = None
 
 
 class PolicyFile:
@@ -60,19 +66,29 @@ class PolicyFile:
         self._codebook = path.with_suffix(".codebook.safetensors")
 
     def write(self, card: PolicyCard, model: Any, codebook: Codebook | None = None) -> None:
-        """Write a policy, its weights last.
+        """Write a policy: all of its files, or none.
 
         Args:
-            card: what it is.
+            card: what it is; the hashes of its files are added to it.
             model: PPO of stable-baselines3, with an `env.learning.actor_critic.ActorCritic`.
             codebook: the symbols that it was trained with; None where it observes no vector.
+
+        Raises:
+            UsageError: it can't be written.
         """
-        if codebook is not None:
-            codebook.save(self._codebook)
-        with replacing(self._card) as part:
-            part.write_text(card.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        with replacing(self.path) as part:
-            part.write_bytes(save(_actor_state(model, card.setup.learning.observation_scale)))
+        weights = save(_actor_state(model, card.setup.learning.observation_scale))
+        symbols = codebook.content() if codebook else None
+        hashes = {
+            "sha256": tensor_files.sha256(weights),
+            "codebook_sha256": tensor_files.sha256(symbols) if symbols else None,
+        }
+        tensor_files.write_together(
+            {
+                **({self._codebook: symbols} if symbols else {}),
+                self.path: weights,
+                self._card: tensor_files.write_card(card.model_copy(update=hashes)),
+            }
+        )
 
     def card(self) -> PolicyCard:
         """Return the card.
@@ -80,43 +96,64 @@ class PolicyFile:
         Raises:
             FileError: there is none, or it is incomplete.
         """
-        try:
-            return PolicyCard.model_validate_json(self._card.read_bytes())
-        except (OSError, ValidationError) as error:
-            raise FileError(
-                f"'{self._card}' is no card of a policy: {first_reason(error)}",
-                name=str(self._card),
-            ) from None
+        return tensor_files.read_card(self._card, PolicyCard, "card of a policy")
 
-    def network(self) -> nn.Module:
-        """Return the network: observations, float32 (B, N), to pedals, float32 (B, 1).
+    def load(self) -> tuple[Observer, nn.Module]:
+        """Return what gives its observations, and its network, which takes the last ones of them.
 
         Raises:
-            FileError: the file or the card can't be read, or holds something else.
+            FileError: as `network` and `codebook` do.
         """
-        try:
-            state = load_file(self.path)
-        except (OSError, SafetensorError) as error:
+        setup = self.card().setup
+        codebook = self.codebook() if setup.observation == "vsr" else None
+        side = DashCameraParameters().size
+        observer = observer_of(setup.observation, side, setup.fusion, codebook, speed=setup.speed)
+        (numbers,) = cast(spaces.Box, observer.space).shape
+        return observer, self.network(setup.frames * numbers)
+
+    def network(self, inputs: int | None = None) -> nn.Module:
+        """Return the network: observations, float32 (B, N), to pedals, float32 (B, 1).
+
+        Args:
+            inputs: N; if None, whatever the file has.
+
+        Raises:
+            FileError: the file or the card can't be read, they do not belong together, the weights
+                are not those of such a network, or a number is not finite.
+        """
+        card, header = self.card(), tensor_files.read_header(self.path)
+        tensor_files.check_belongs(self.path, card.sha256, self._card)
+        widths = [inputs or _inputs(header), *card.setup.learning.layers, 1]
+        with torch.device("meta"):  # which has no memory: the card may say anything
+            expected = tensor_files.kinds_of(_perceptron(widths).state_dict())
+        difference = tensor_files.misfit(header, expected)
+        if difference:
             raise FileError(
-                f"'{self.path}' can't be read: {first_reason(error)}", name=str(self.path)
-            ) from None
-        try:
-            observed = state["0.weight"].shape[1]
-            network = _perceptron([observed, *self.card().setup.learning.layers, 1])
-            network.load_state_dict(state)
-        except (KeyError, IndexError, RuntimeError) as error:
-            raise FileError(
-                f"'{self.path}' holds no policy: {first_reason(error)}", name=str(self.path)
-            ) from None
+                f"'{self.path}' holds no policy as its card says: {difference}",
+                name=str(self.path),
+                suggestion="its card says layers, frames and observation",
+            )
+        network = _perceptron(widths)
+        network.load_state_dict(tensor_files.load_finite(self.path))
         return network.eval().requires_grad_(False)
 
     def codebook(self) -> Codebook:
         """Return the symbols of its observations.
 
         Raises:
-            UsageError: there is no such file, or it can't be read.
+            FileError: there is no such file, it can't be read, or it is another policy's.
         """
-        return Codebook.load(self._codebook)
+        codebook = Codebook.load(self._codebook)
+        tensor_files.check_belongs(self._codebook, self.card().codebook_sha256, self._card)
+        return codebook
+
+
+def _inputs(header: Header) -> int:
+    """Return how many numbers a file's first layer takes; 1 if it says no such thing."""
+    match header.tensors.get("0.weight"):
+        case (_, (_, int(inputs))):
+            return max(inputs, 1)
+    return 1
 
 
 def actor_of(model: Any) -> nn.Sequential:

@@ -101,7 +101,9 @@ class Learning(_Section):
         description="the greatest that it may be at the end; the limit falls evenly from the first "
         "to this, so that a policy learns to drive without noise, as it will; null: no limit",
     )
-    layers: tuple[Positive, ...] = Field((64, 64), description="of policy and value networks")
+    layers: tuple[Annotated[int, Field(gt=0, le=4096)], ...] = Field(
+        (64, 64), max_length=8, description="of policy and value networks"
+    )
 
 
 class Setup(_Section):
@@ -110,6 +112,7 @@ class Setup(_Section):
     version: Literal[1] = Field(description="version of this format")
     name: str = Field(
         pattern=r"^[a-z0-9_]+$",
+        max_length=64,
         description="name of the setup and of its trainings' folders: a to z, digits, _",
     )
     description: str = Field("", description="what it is for")
@@ -124,8 +127,11 @@ class Setup(_Section):
     speed: bool = Field(
         default=False, description="whether ego's speed is added to the observation vsr"
     )
-    frames: Positive = Field(
-        1, description="how many observations, the last ones, a policy is given together"
+    frames: int = Field(
+        1,
+        gt=0,
+        le=64,
+        description="how many observations, the last ones, a policy is given together",
     )
     critic: Literal["state", "observation"] = Field(
         "observation",

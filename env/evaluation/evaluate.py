@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, get_args
 
 from env.driving.drivers import Driver
+from env.driving.names import Name, name_like
 from env.driving.policies import TRAINED, file_hash, make_driver, policy_file
 from env.driving.rollout import DrivenStep, Ending, rollout
 from env.driving.setup import DISCOUNT
@@ -23,7 +24,7 @@ from env.street.crossing import OccludedCrossing
 from env.street.seeds import FINAL_TEST
 from env.street.variants import QuietStreet
 from env.street.view import Street
-from env.world.cells import Cell
+from env.world.cells import Cell, CellOcclusion, Traffic
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LoggedStep
 
@@ -48,12 +49,12 @@ class Settings:
         discount: γ of discounted returns.
     """
 
-    driver: str
+    driver: Name
     policy: str | None
-    traffic: str
-    occlusion: str
+    traffic: Traffic
+    occlusion: CellOcclusion
     hazard: bool
-    perception: str
+    perception: Name
     episodes: int
     seed: int
     knowledge_base: str
@@ -99,7 +100,9 @@ class Drive:
         """What decides the results, in a form that can be compared and written."""
         file = policy_file(self.driver)
         policy = file_hash(file) if file else None
-        called = f"{file.stem}-{policy}" if file and self.driver != TRAINED else self.driver
+        called = (
+            f"{name_like(file.stem)}-{policy}" if file and self.driver != TRAINED else self.driver
+        )
         return Settings(
             driver=self.name or called,
             policy=policy,

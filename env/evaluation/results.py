@@ -15,8 +15,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, Field, PlainSerializer, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, PlainSerializer, TypeAdapter
 
+from env.driving.names import checked_name
 from env.driving.policies import file_hash
 from env.evaluation.evaluate import (
     Drive,
@@ -29,17 +30,18 @@ from env.evaluation.evaluate import (
 from env.evaluation.metrics import METRICS, Pooled
 from env.evaluation.statistics import Mean, Share
 from env.evaluation.sweep import ApproachResult
-from sfol.errors import FileError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import LogWriter
-from sfol.reading import first_reason
 from sfol.writing import check_writable, replacing
+from vsr import json_files
 
 Content = TypeVar("Content")
 
 # 1: without a version. 2: the same, with it. 3: with the hashes of the files beside it.
 SCHEMA_VERSION = 3
 _BESIDE = (".csv", ".parquet")  # the files of a drive beside its result
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+_MOST = 50_000_000  # bytes of a file
 _PACKAGES = ("sfol", "numpy", "pybullet", "stable-baselines3", "torch")
 
 
@@ -113,9 +115,13 @@ class ResultFolder:
         self._path = path
 
     def file(self, drive: Drive, suffix: str = ".json") -> Path:
-        """Return the path of a file of a drive."""
+        """Return the path of a file of a drive.
+
+        Raises:
+            UsageError: the driver has no name that could be a folder's.
+        """
         street = "-".join(drive.cell) + ("" if drive.hazard else "-no-hazard")
-        return self._path / drive.settings.driver / f"{street}{suffix}"
+        return self._path / checked_name(drive.settings.driver) / f"{street}{suffix}"
 
     def find(self, drive: Drive, *, log: bool = False) -> DriveResult | None:
         """Return the result of a drive if it is there, made with the very same settings.
@@ -198,24 +204,22 @@ def read_json(path: Path, kind: type[Content]) -> Content:
     """Read what `write_json` has written.
 
     Raises:
-        FileError: the file can't be read, or holds something else.
+        FileError: the file holds something else.
     """
-    try:
-        return TypeAdapter(kind).validate_json(path.read_bytes())
-    except (ValidationError, OSError) as error:
-        raise FileError(
-            f"'{path}' can't be read as a result: {first_reason(error)}",
-            name=str(path),
-            suggestion="remove it, or name another --output",
-        ) from None
+    suggestion = "remove it, or name another --output"
+    return json_files.read_json(path, kind, "result", most=_MOST, suggestion=suggestion)
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as CSV, whole or not at all; None and what a row lacks are empty fields."""
+    """Write rows as CSV, whole or not at all; None and what a row lacks are empty fields.
+
+    A text that a spreadsheet would take for a formula has a ' before it.
+    """
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, dict.fromkeys(name for row in rows for name in row))
-        writer.writeheader()
-        writer.writerows({name: _shown(value) for name, value in row.items()} for row in rows)
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        writer = csv.writer(file)
+        writer.writerow(map(_shown, names))
+        writer.writerows([_shown(row.get(name)) for name in names] for row in rows)
 
 
 def versions() -> dict[str, str]:
@@ -271,4 +275,6 @@ def _share_columns(share: Share) -> dict[str, float | None]:
 
 
 def _shown(value: Any) -> Any:
+    if isinstance(value, str) and value.startswith(_FORMULA):
+        return f"'{value}"
     return f"{value:.6g}" if isinstance(value, float) else value

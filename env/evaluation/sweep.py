@@ -11,6 +11,7 @@ from env.evaluation.parallel import in_order
 from env.street.variants import Approach, ChildCrossing
 from env.world.kinematics import STANDSTILL
 from sfol.knowledge_base import KnowledgeBase
+from vsr.json_files import valid_text
 
 SPEEDS = tuple(float(speed) for speed in range(10, 65, 5))  # km/h
 IMPACTS = (0.25, 0.5, 0.75)  # of ego's width, from the near side
@@ -94,7 +95,7 @@ def _do(job: tuple[Sweep, Sequence[Approach]]) -> list[ApproachResult]:
             hit = transition.info["collision"]
             results.append(
                 ApproachResult(
-                    driver=sweep.driver,
+                    driver=valid_text(sweep.driver),
                     speed=approach.speed,
                     impact=approach.impact,
                     ending=transition.ending,

@@ -84,6 +84,7 @@ def _check_fit(file: PolicyFile, setup: Setup) -> None:
     for key in ("speed", "frames"):
         _check_same(file, key, getattr(former, key), min(getattr(former, key), getattr(setup, key)))
     _check_same(file, "layers", list(former.learning.layers), list(setup.learning.layers))
+    file.load()  # refused now, and not after the streets are built
 
 
 def _check_same(file: PolicyFile, key: str, former: object, new: object) -> None:

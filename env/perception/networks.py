@@ -79,10 +79,11 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             suggestion=f"render with {trained_on.renderer}, or train with frames of {renderer}",
         )
     for name, value in (camera.model_dump() if camera else {}).items():
-        known = trained_on.camera[name]
+        known = trained_on.camera.get(name)
         if value != known:
+            said = "of its own" if known is None else f"{known:g}"
             raise UsageError(
-                f"the {network} knows frames of a camera with {name} {known:g}, not {value:g}",
+                f"the {network} knows frames of a camera with {name} {said}, not {value:g}",
                 name=name,
                 suggestion="train it with frames of the other camera: aeb frames --help",
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from env.perception.pipeline import Scene, ScenePipeline
@@ -64,27 +66,21 @@ class RayEvidence:
             *sighting.crosswalks,
         )
         self._persons: dict[str, Person] = {p.entity.name: p for p in sighting.persons}
-        self._vehicles: dict[str, Vehicle] = {v.entity.name: v for v in sighting.vehicles}
+        self._vehicles = sighting.vehicles
+        self._named: dict[str, Vehicle] = {v.entity.name: v for v in sighting.vehicles}
         self._rays = rays
         self._grounding = grounding
 
-    def beside(self, person: Entity, vehicle: Entity) -> float:
+    def beside(self, person: Entity) -> Mapping[Entity, float]:
         """See `vsr.facts.Evidence`."""
-        window = self._grounding.window
-        box, other = person.box, vehicle.box
-        if box.left - window >= other.right or box.right + window <= other.left:
-            return 0.0
-        seen = self._vehicles[vehicle.name]
-        left = slice(max(box.left - window, 0), box.left)
-        right = slice(box.right, box.right + window)
-        return seen.rows(left, box) + seen.rows(right, box)
+        return {v.entity: self._beside(person, v) for v in self._vehicles}
 
-    def before(self, vehicle: Entity, other: Entity) -> float:
+    def before(self, other: Entity) -> Mapping[Entity, float]:
         """See `vsr.facts.Evidence`; a crosswalk reaches from kerb to kerb."""
-        seen = self._vehicles[vehicle.name]
         if other.kind is SemanticClass.CROSSWALK:
-            return self._before_crosswalk(seen, other)
-        return self._before_person(seen, self._persons[other.name])
+            return {v.entity: self._before_crosswalk(v, other) for v in self._vehicles}
+        person = self._persons[other.name]
+        return {v.entity: self._before_person(v, person) for v in self._vehicles}
 
     def is_trodden(self, crosswalk: Entity) -> bool:
         """See `vsr.facts.Evidence`; the street has one crosswalk."""
@@ -92,11 +88,20 @@ class RayEvidence:
 
     def in_lane(self, vehicle: Entity) -> float:
         """See `vsr.facts.Evidence`."""
-        seen, part = self._vehicles[vehicle.name], vehicle.box.area[1]
+        seen, part = self._named[vehicle.name], vehicle.box.area[1]
         laterals = self._rays.pinhole.laterals(self._rays.columns[part], seen.bottoms[part])
         inside = np.abs(laterals) < self._grounding.lane_half_width
         visible = seen.bottoms[part] > seen.tops[part]
         return int(np.count_nonzero(inside & visible))
+
+    def _beside(self, person: Entity, vehicle: Vehicle) -> float:
+        window = self._grounding.window
+        box, other = person.box, vehicle.entity.box
+        if box.left - window >= other.right or box.right + window <= other.left:
+            return 0.0
+        left = slice(max(box.left - window, 0), box.left)
+        right = slice(box.right, box.right + window)
+        return vehicle.rows(left, box) + vehicle.rows(right, box)
 
     def _before_person(self, vehicle: Vehicle, person: Person) -> float:
         top, left, bottom, right = person.entity.box

@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from env.driving.names import Name, checked_name
 from env.driving.rollout import Ending
 from env.evaluation.results import DriveResult, ResultFolder, read_json, write_json
+from env.world.cells import CellOcclusion, Traffic
+from sfol.errors import UsageError
 from sfol.writing import check_writable
 
 Content = TypeVar("Content")
@@ -60,7 +63,7 @@ class TrainingResult:
         curve: in order, what the training's own episodes were like.
     """
 
-    setup: str
+    setup: Name
     setup_hash: str
     seed: int
     steps: int
@@ -110,10 +113,10 @@ class Trajectory:
         weights: weight → its value.
     """
 
-    driver: str
+    driver: Name
     policy: str | None
-    traffic: str
-    occlusion: str
+    traffic: Traffic
+    occlusion: CellOcclusion
     seed: int
     ending: Ending
     knowledge_base: str
@@ -130,16 +133,10 @@ class Trajectory:
     weights: Mapping[str, tuple[float, ...]]
 
     def __post_init__(self) -> None:
-        """Refuse sequences that are empty or of different lengths.
-
-        Raises:
-            ValueError: they are.
-        """
-        columns = (self.position, self.speed, self.action, self.distance, self.reward)
-        named = (*self.confidences.values(), *self.weights.values())
-        lengths = {len(column) for column in (*columns, *named)}
-        if len(lengths) != 1 or 0 in lengths:
-            raise ValueError("not every sequence has a number for each step")
+        sequences = (self.position, self.speed, self.action, self.distance, self.reward)
+        columns = (*sequences, *self.confidences.values(), *self.weights.values())
+        if not self.speed or {len(column) for column in columns} != {len(self.speed)}:
+            raise UsageError("a trajectory has a number for each of its steps", name="trajectory")
 
 
 class StudyFolder:
@@ -172,11 +169,11 @@ class StudyFolder:
 
     def training(self, name: str) -> TrainingResult | None:
         """Return the training of setup and seed, if it is there."""
-        return _read(self._path / "training" / f"{name}.json", TrainingResult)
+        return _read(self._file("training", name), TrainingResult)
 
     def trajectory(self, name: str) -> Trajectory | None:
         """Return the trajectory of a driver, if it is there."""
-        return _read(self._path / "trajectories" / f"{name}.json", Trajectory)
+        return _read(self._file("trajectories", name), Trajectory)
 
     def trainings(self) -> list[TrainingResult]:
         """Return all trainings, by their names."""
@@ -194,11 +191,14 @@ class StudyFolder:
 
     def write_training(self, name: str, result: TrainingResult) -> None:
         """Write how a setup was trained."""
-        write_json(self._path / "training" / f"{name}.json", result)
+        write_json(self._file("training", name), result)
 
     def write_trajectory(self, name: str, trajectory: Trajectory) -> None:
         """Write an episode step by step."""
-        write_json(self._path / "trajectories" / f"{name}.json", trajectory)
+        write_json(self._file("trajectories", name), trajectory)
+
+    def _file(self, folder: str, name: str) -> Path:
+        return self._path / folder / f"{checked_name(name)}.json"
 
 
 def _read(path: Path, kind: type[Content]) -> Content | None:

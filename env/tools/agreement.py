@@ -28,6 +28,7 @@ from env.perception.pipeline import Scene
 from env.street.crossing import OccludedCrossing
 from env.street.view import StreetView
 from env.world.actors import Ego, EgoParameters
+from sfol.cli.output import escaped
 from sfol.writing import check_writable, replacing
 from vsr.segmentation import Frame
 
@@ -201,7 +202,7 @@ def print_agreement(
     )
     if frames is not None:
         for path in _save_differences(all_sights, frames):
-            console.print(str(path))
+            console.print(escaped(path), soft_wrap=True)
 
 
 def _table(found: Mapping[Claim, Agreement], frames: int) -> Table:

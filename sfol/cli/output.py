@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from sfol.errors import InvalidKnowledgeBase, SfolError, UsageError
@@ -32,6 +33,11 @@ def stdout(*, markup: bool = False) -> Console:
 
 def _stderr() -> Console:
     return Console(stderr=True, highlight=False, markup=False, emoji=False)
+
+
+def escaped(text: object) -> str:
+    """Return a text as a console that reads markup has to get it, to show it as it stands."""
+    return escape(visible(text))
 
 
 def line(console: Console, *parts: Part) -> None:

@@ -201,7 +201,7 @@ def test_bad_arguments_are_refused():
         find_entities(one_hot(), 0)
     with pytest.raises(UsageError, match="does not belong"):
         find_entities(one_hot(), classes=np.zeros((8, 8), np.uint8))
-    with pytest.raises(UsageError, match="type int64"):
+    with pytest.raises(UsageError, match="a class map is int64"):
         find_entities(one_hot(), classes=np.zeros((16, 16), np.int64))
 
 

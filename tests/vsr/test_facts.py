@@ -1,15 +1,18 @@
 import math
+import sys
+from collections import Counter
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from sfol.facts import Facts
 from tests.vsr.painting import GROUNDING, HORIZON, SIZE, Painting, atoms, street
-from vsr.classes import SemanticClass
-from vsr.entities import find_entities
-from vsr.facts import Pinhole, scene_facts
+from vsr.classes import CLASS_COUNT, SemanticClass
+from vsr.entities import Direction, find_entities
+from vsr.facts import MapEvidence, Pinhole, of_kind, scene_facts
 from vsr.grounding import Camera, SegmentationGrounding
 
 PERSON, CAR, TRUCK, CROSSWALK, ROAD, SIDEWALK = (
@@ -391,11 +394,16 @@ _SHAPES = st.lists(
 )
 
 
-@given(_SHAPES)
-def test_every_scene_gives_consistent_facts(shapes):
+def painted(shapes) -> Painting:
     painting = street()
     for kind, top, left, height, width in shapes:
         painting.rectangle(kind, (top, top + height), (left, left + width))
+    return painting
+
+
+@given(_SHAPES)
+def test_every_scene_gives_consistent_facts(shapes):
+    painting = painted(shapes)
     facts = painting.facts()
     for entity in painting.entities():
         mentioned = [atom.predicate for atom in facts if entity.name in atom.arguments]
@@ -403,3 +411,65 @@ def test_every_scene_gives_consistent_facts(shapes):
         assert {"Approaching", "IsAt"} - set(mentioned)
         regions = sum(predicate in REGIONS for predicate in mentioned)
         assert regions == (entity.kind is not CROSSWALK)
+
+
+# Pairs, and how much work they are
+
+
+def literally(classes, grounding, person, vehicle):
+    """Pixels of a vehicle beside a person, and before one, counted on a map of its own."""
+    own = np.zeros(classes.shape, bool)
+    own[vehicle.box.area] = vehicle.mask
+    sides = (Direction.LEFT_OF, Direction.RIGHT_OF)
+    beside = sum(int(own[person.beside(side, grounding.window)].sum()) for side in sides)
+    body = np.zeros(classes.shape, bool)
+    body[person.box.area] = person.mask
+    touching = int((own & ndimage.binary_dilation(body)).sum())
+    return beside, touching if vehicle.bottom > person.bottom else 0
+
+
+@given(_SHAPES)
+def test_each_pair_is_counted_as_if_it_were_alone(shapes):
+    painting = painted(shapes)
+    entities, classes = painting.entities(), painting.classes
+    pinhole = Pinhole.of(GROUNDING.camera, classes.shape)
+    evidence = MapEvidence(entities, classes, GROUNDING, pinhole)
+    vehicles = of_kind(entities, CAR, TRUCK)
+    for person in of_kind(entities, PERSON):
+        beside, before = evidence.beside(person), evidence.before(person)
+        for vehicle in vehicles:
+            found = beside.get(vehicle, 0), before.get(vehicle, 0)
+            assert found == literally(classes, GROUNDING, person, vehicle)
+        assert list(beside) == [vehicle for vehicle in vehicles if vehicle in beside]
+
+
+def noise(rows: int) -> np.ndarray:
+    """A class map in which hardly a pixel is like the next one."""
+    return np.random.default_rng(0).integers(0, CLASS_COUNT, (rows, 60), dtype=np.uint8)
+
+
+def calls(function) -> int:
+    """Return how many functions, of Python and of C, are called by one."""
+    counted: Counter[str] = Counter()
+    sys.setprofile(lambda frame, event, argument: counted.update([event]))
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return counted["call"] + counted["c_call"]
+
+
+def test_twice_the_noise_is_hardly_more_than_twice_the_work():
+    work = []
+    for rows in (40, 80, 160):
+        classes = noise(rows)
+        scene = np.eye(CLASS_COUNT, dtype=np.float32)[classes].transpose(2, 0, 1)
+
+        def read(scene=scene, classes=classes):
+            return scene_facts(find_entities(scene, 1, classes), classes, GROUNDING, Facts())
+
+        read()  # what is kept for the next time is kept
+        work.append(calls(read))
+    assert work[0] > 1000
+    assert work[1] <= 2.5 * work[0]
+    assert work[2] <= 2.5 * work[1]

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 
 from sfol.errors import UsageError
+from vsr.hypervectors.floats import as_floats
 
 CHANNELS = 512  # of the last stage of a ResNet18
 SIZE = 7  # rows and columns of its feature map for pictures of 224 px
@@ -30,18 +31,27 @@ def attend(features: NDArray[Any] | Tensor, layers: Tensor, frames: Tensor) -> T
         quarters of the map, which share their middle row and column (adaptive average pooling).
 
     Raises:
-        UsageError: the feature maps have another shape.
+        UsageError: the feature maps or the layers have another shape, a number is not finite, or
+            an entity is in none of the frames.
 
     Source: paper, section on SF: the entity's layer of the semantic map attends to the features.
         The pooling is a choice of this project, the paper gives the size alone.
     """
-    maps = torch.as_tensor(features, dtype=layers.dtype, device=layers.device)
+    maps = as_floats(features, "features").to(layers)
     if maps.ndim != 4 or maps.shape[1:] != (CHANNELS, SIZE, SIZE):
         raise UsageError(
             f"feature maps have the shape {tuple(maps.shape)}",
             name="features",
             suggestion=f"(B, {CHANNELS}, {SIZE}, {SIZE})",
         )
+    if layers.shape != (len(frames), SIZE, SIZE):
+        raise UsageError(
+            f"layers of shape {tuple(layers.shape)} for {len(frames)} entities",
+            name="layers",
+            suggestion=f"(k, {SIZE}, {SIZE})",
+        )
+    if ((frames < 0) | (frames >= len(maps))).any():
+        raise UsageError(f"an entity is in none of the {len(maps)} frames", name="frames")
     # Attention and pooling are both linear: together they are four weights for each of 49 cells.
     weights = _POOLING.to(layers) * layers.flatten(1)[:, None]
     quarters = layers.new_zeros(len(layers), POOLED * POOLED, CHANNELS)

@@ -10,23 +10,25 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
-from sfol.errors import UsageError
-from sfol.writing import replacing
+from sfol.errors import FileError, UsageError
+from vsr import tensor_files
 from vsr.classes import DESCRIPTOR_CLASSES
 from vsr.entities import Direction
 from vsr.hypervectors import hrr
+from vsr.tensor_files import TensorKind
 
 DIMENSION = 2048  # the paper's choice
 GRID = 16  # cells along each side of the picture, the paper's choice
+MOST_DIMENSION = 65_536  # of a codebook's file, 70 MB
 VERSION = 1  # to be raised whenever the same seed gives other vectors
 
 CLASS_NAMES = tuple(f"class/{kind.name.lower()}" for kind in DESCRIPTOR_CLASSES)
 DIRECTION_NAMES = tuple(f"direction/{direction}" for direction in Direction)
 CELL_NAMES = tuple(f"cell/{row}/{column}" for row in range(GRID) for column in range(GRID))
+_ABOUT = ("seed", "unitary", "version")
 _NAMES = (*CLASS_NAMES, *DIRECTION_NAMES, *CELL_NAMES)
 
 
@@ -109,6 +111,10 @@ class Codebook:
         Raises:
             UsageError: the file can't be written.
         """
+        tensor_files.write_together({Path(path): self.content()})
+
+    def content(self) -> bytes:
+        """Return what `save` writes."""
         # a row of `classes` shares its memory with the others, which the format does not allow
         vectors = {name: vector.clone() for name, vector in self._vectors()}
         metadata = {
@@ -116,39 +122,43 @@ class Codebook:
             "seed": str(self.seed),
             "unitary": str(int(self.unitary)),
         }
-        with replacing(Path(path)) as part:
-            save_file(vectors, part, metadata)
+        return save(vectors, metadata)
 
     @classmethod
     def load(cls, path: Path | str) -> Codebook:
         """Read what `save` wrote, of this or any other version.
 
         Raises:
-            UsageError: the file can't be read or is no codebook.
+            FileError: the file can't be read or is no codebook.
         """
+        header = tensor_files.read_header(path)
         try:
-            with safe_open(path, framework="pt") as file:
-                metadata = file.metadata() or {}
-                vectors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except (OSError, SafetensorError) as error:
-            raise UsageError(f"'{path}' can't be read: {error}", name=str(path)) from None
-        try:
-            ((dimension,),) = {vectors[name].shape for name in _NAMES}
-            return cls(
-                dimension=dimension,
-                seed=int(metadata["seed"]),
-                unitary=bool(int(metadata["unitary"])),
-                version=int(metadata["version"]),
-                stored=vectors,
-            )
+            ((dimension,),) = {header.tensors[name][1] for name in _NAMES}
+            seed, unitary, version = (int(header.metadata[name]) for name in _ABOUT)
         except (KeyError, ValueError):
-            raise UsageError(
-                f"'{path}' is no codebook",
-                name=str(path),
-                suggestion="files that Codebook.save wrote have a vector for every symbol",
-            ) from None
+            raise _no_codebook(path) from None
+        vector = TensorKind(floating=True, shape=(dimension,))
+        if not 0 < dimension <= MOST_DIMENSION:
+            raise _no_codebook(path)
+        if tensor_files.misfit(header, dict.fromkeys(header.tensors, vector)):
+            raise _no_codebook(path)
+        return cls(
+            dimension=dimension,
+            seed=seed,
+            unitary=bool(unitary),
+            version=version,
+            stored=tensor_files.load_finite(path),
+        )
 
     def _vectors(self) -> Iterator[tuple[str, Tensor]]:
         yield from zip(CLASS_NAMES, self.classes, strict=True)
         yield from zip(DIRECTION_NAMES, self.directions, strict=True)
         yield from zip(CELL_NAMES, self.cells.flatten(0, 1), strict=True)
+
+
+def _no_codebook(path: Path | str) -> FileError:
+    return FileError(
+        f"'{path}' is no codebook",
+        name=str(path),
+        suggestion="files that Codebook.save wrote have a vector for every symbol",
+    )

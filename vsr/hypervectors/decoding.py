@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.linalg import solve
@@ -38,6 +37,7 @@ from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.entities import Direction
 from vsr.hypervectors import hrr
 from vsr.hypervectors.codebook import GRID, Codebook
+from vsr.hypervectors.floats import as_floats
 
 Floats = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -47,6 +47,7 @@ BLOCK_SIDES = (1, 2, 3, 4, 6, 8, 12, 16)
 # In noise the best of all templates scores 5.1 to 6.6 (75 vectors, D from 1024 to 8192).
 LEAST_SCORE = 6.6
 SWEEPS = 2
+MOST_ENTITIES = 100  # to look for: work grows with their square, and a vector holds fewer
 _AROUND = np.ones((3, 3), np.bool_)
 _RIDGE = 1e-6  # of the mean square of a product: what float32 cannot tell from zero
 _NEGLIGIBLE = 1e-6  # part of a vector's energy that is left to rounding
@@ -158,7 +159,7 @@ class Decoder:
 
         Args:
             vector: real (D,): SSI_i of one entity, or a sum of those of several.
-            most: how many entities to look for.
+            most: how many entities to look for, 0 to `MOST_ENTITIES`.
             least_score: what an entity's score is at least; what scores less is left out.
             sweeps: how often every entity is looked for again, with all others taken away.
 
@@ -166,8 +167,12 @@ class Decoder:
             At most so many entities; none if all is noise or zero.
 
         Raises:
-            UsageError: the vector has another length or is not finite.
+            UsageError: the vector has another length or is not finite, or more are looked for.
         """
+        if not 0 <= most <= MOST_ENTITIES:
+            raise UsageError(
+                f"{most} entities to look for", name="most", suggestion=f"0 to {MOST_ENTITIES}"
+            )
         whole = self._spectrum(vector)
         parts = self._pursue(whole, most)
         for _ in range(sweeps if len(parts) > 1 else 0):
@@ -202,8 +207,8 @@ class Decoder:
         return [part for part in fitted if _energy(part.spectrum) > _NEGLIGIBLE * _energy(whole)]
 
     def _spectrum(self, vector: Tensor | NDArray[Any]) -> Spectrum:
-        numbers = torch.as_tensor(vector).detach().to("cpu", torch.float32)
-        if numbers.shape != (self._dimension,) or not numbers.isfinite().all():
+        numbers = as_floats(vector, "vector's numbers").detach().float().cpu()
+        if numbers.shape != (self._dimension,):
             raise UsageError(
                 f"a vector of shape {tuple(numbers.shape)} cannot be decoded",
                 name="vector",

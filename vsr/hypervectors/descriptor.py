@@ -14,11 +14,13 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from sfol.errors import UsageError
+from vsr.arrays import checked_array
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, DYNAMIC_CLASSES
-from vsr.entities import ClassMap, Direction, Entity, class_map
+from vsr.entities import ClassMap, Direction, Entity, check_within, class_map
 from vsr.grounding import SegmentationGrounding
 from vsr.hypervectors import attention, hrr
 from vsr.hypervectors.codebook import GRID, Codebook
+from vsr.hypervectors.floats import as_floats
 from vsr.hypervectors.fusion import Fusion
 from vsr.hypervectors.methods import Method
 
@@ -35,6 +37,9 @@ class Layout:
         neighbours: bool (k, 6, 3), which class is found in which `Direction`.
         coverage: float32 (k, 16, 16), ρ, the share of each grid cell that the entity covers.
         attention: float32 (k, 7, 7), `attention_layers`, for the encoder's feature map.
+
+    Raises:
+        UsageError: an array has another type or shape, or there is no class of such a number.
     """
 
     names: tuple[str, ...]
@@ -42,6 +47,18 @@ class Layout:
     neighbours: NDArray[np.bool_]
     coverage: NDArray[np.float32]
     attention: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        count, classes = len(self.names), len(DESCRIPTOR_CLASSES)
+        checked_array(self.kinds, np.int64, (count,), "kinds")
+        checked_array(self.neighbours, np.bool_, (count, classes, len(Direction)), "neighbours")
+        checked_array(self.coverage, np.float32, (count, GRID, GRID), "coverage")
+        side = attention.SIZE
+        checked_array(self.attention, np.float32, (count, side, side), "attention")
+        if count and not 0 <= self.kinds.min() <= self.kinds.max() < classes:
+            raise UsageError(
+                "an entity has a class of no such number", name="kinds", suggestion=f"< {classes}"
+            )
 
 
 class SceneDescriptor:
@@ -111,6 +128,7 @@ class SceneDescriptor:
         the map may have any size.
         """
         classes = class_map(scene)
+        check_within(entities, classes.shape)
         moving = [entity for entity in entities if entity.kind in DYNAMIC_CLASSES]
         kinds = [DESCRIPTOR_CLASSES.index(entity.kind) for entity in moving]
         neighbours = np.zeros((len(moving), len(DESCRIPTOR_CLASSES), len(Direction)), np.bool_)
@@ -223,9 +241,15 @@ class SceneDescriptor:
             (D,), of the vectors' type.
 
         Raises:
-            UsageError: there are not as many weights as vectors.
+            UsageError: there are not as many weights as vectors, or one is not finite.
         """
-        factors = torch.as_tensor(weights, dtype=vectors.dtype, device=vectors.device)
+        if vectors.ndim != 2 or not vectors.is_floating_point():
+            raise UsageError(
+                f"vectors of shape {tuple(vectors.shape)} and type {vectors.dtype}",
+                name="vectors",
+                suggestion="floats of shape (k, D)",
+            )
+        factors = as_floats(weights, "weights").to(vectors)
         if factors.shape != vectors.shape[:-1]:
             raise _wrong_number(factors.numel(), len(vectors))
         return hrr.bundle(vectors, factors)
@@ -239,9 +263,12 @@ class SceneDescriptor:
                 name="features",
                 suggestion="pass them, or choose the fusion 'ssi'",
             )
-        if len(features) != len(layouts):
+        shape = np.shape(features)
+        if shape[:1] != (len(layouts),):
             raise UsageError(
-                f"{len(features)} feature maps for {len(layouts)} frames", name="features"
+                f"feature maps of shape {tuple(shape)} for {len(layouts)} frames",
+                name="features",
+                suggestion="one for each frame",
             )
         layers = np.concatenate([layout.attention for layout in layouts])
         frames = np.repeat(np.arange(len(layouts)), [len(layout.names) for layout in layouts])
@@ -280,7 +307,13 @@ def cell_shares(
 
     Returns:
         float32 (k, n, n), 0 to 1.
+
+    Raises:
+        UsageError: an entity reaches beyond the picture, or there is no cell.
     """
+    check_within(entities, shape)
+    if cells < 1:
+        raise UsageError(f"a grid of {cells} cells", name="cells", suggestion="≥ 1")
     rows, columns = (_membership(size, cells) for size in shape)
     return _projected(entities, rows, columns)
 
@@ -298,7 +331,11 @@ def attention_layers(entities: Sequence[Entity], shape: tuple[int, ...]) -> NDAr
 
     Returns:
         float32 (k, 7, 7), an entity's sum being its area in cells.
+
+    Raises:
+        UsageError: an entity reaches beyond the picture.
     """
+    check_within(entities, shape)
     rows, columns = (_interpolation(size, attention.SIZE) for size in shape)
     return _projected(entities, rows, columns)
 
@@ -358,11 +395,9 @@ def _check_number(layouts: Sequence[Layout]) -> None:
 
 
 def _checked_weights(weights: ArrayLike, count: int) -> NDArray[np.float32]:
-    numbers = np.asarray(weights, np.float32)
+    numbers: NDArray[np.float32] = as_floats(weights, "weights").detach().float().cpu().numpy()
     if numbers.shape != (count,):
         raise _wrong_number(numbers.size, count)
-    if not np.isfinite(numbers).all():
-        raise UsageError("a weight is not a finite number", name="weights")
     return numbers
 
 

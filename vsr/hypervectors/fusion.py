@@ -63,7 +63,16 @@ class Fusion:
 
         Returns:
             (k, D).
+
+        Raises:
+            UsageError: there are more or fewer parts than the method uses, or they differ in shape.
         """
+        if len(parts) != self.uses_ssi + self.uses_features or len({p.shape for p in parts}) > 1:
+            raise UsageError(
+                f"the fusion '{self.method}' of parts of shapes {[tuple(p.shape) for p in parts]}",
+                name="parts",
+                suggestion="as many as it uses, all of one shape",
+            )
         scaled = [unit_rms(part) for part in parts] if self.normalise_parts else parts
         operation: Callable[[Tensor, Tensor], Tensor] = mul if self.method == "multiply" else add
         fused = reduce(operation, scaled)

@@ -21,7 +21,12 @@ from sfol.errors import UsageError
 
 
 def spectrum(vector: Tensor) -> Tensor:
-    """Return the Fourier transform of real vectors: (…, D) → complex (…, D // 2 + 1)."""
+    """Return the Fourier transform of real vectors: (…, D) → complex (…, D // 2 + 1).
+
+    Raises:
+        UsageError: they are no real vectors.
+    """
+    _check_real(vector)
     if not vector.numel():  # the transforms refuse empty batches
         return vector[..., : vector.shape[-1] // 2 + 1] + 0j
     spectra: Tensor = torch.fft.rfft(vector)
@@ -47,15 +52,18 @@ def bind(first: Tensor, second: Tensor) -> Tensor:
         x ⊗ y, (…, D).
 
     Raises:
-        UsageError: the vectors differ in length.
+        UsageError: the vectors differ in length, or are not real, or their batches do not go
+            together.
 
     Source: Plate 1995.
     """
+    _check_real(first, second)
     if first.shape[-1] != second.shape[-1]:
         raise UsageError(
             f"vectors of {first.shape[-1]} and {second.shape[-1]} numbers cannot be bound",
             name="second",
         )
+    _check_together(first.shape[:-1], second.shape[:-1])
     return from_spectrum(spectrum(first) * spectrum(second), first.shape[-1])
 
 
@@ -69,10 +77,23 @@ def bundle(vectors: Tensor, weights: Tensor | None = None) -> Tensor:
     Returns:
         The bundle, (…, D).
 
+    Raises:
+        UsageError: there are not as many weights as vectors.
+
     Source: Plate 1995; with weights, the paper's equation for VSR.
     """
+    _check_real(vectors)
+    if vectors.ndim < 2:
+        raise UsageError(f"vectors of shape {tuple(vectors.shape)}", name="vectors")
     if weights is None:
         return vectors.sum(dim=-2)
+    if not weights.ndim or weights.shape[-1] != vectors.shape[-2]:
+        raise UsageError(
+            f"weights of shape {tuple(weights.shape)} for vectors of shape {tuple(vectors.shape)}",
+            name="weights",
+            suggestion="one for each vector",
+        )
+    _check_together(weights.shape[:-1], vectors.shape[:-2])
     return (weights.unsqueeze(-1) * vectors).sum(dim=-2)
 
 
@@ -131,7 +152,16 @@ def similarity(first: Tensor, second: Tensor) -> Tensor:
 
     Returns:
         x·y / (‖x‖ ‖y‖), (…).
+
+    Raises:
+        UsageError: the vectors differ in length, or their batches do not go together.
     """
+    _check_real(first, second)
+    if first.shape[-1] != second.shape[-1]:
+        raise UsageError(
+            f"vectors of shapes {tuple(first.shape)} and {tuple(second.shape)}", name="second"
+        )
+    _check_together(first.shape[:-1], second.shape[:-1])
     norms = first.norm(dim=-1) * second.norm(dim=-1)
     products = (first * second).sum(dim=-1)
     return torch.where(norms > 0, products / norms, torch.zeros_like(products))
@@ -159,3 +189,23 @@ def random_symbols(count: int, dimension: int, generator: np.random.Generator) -
     """
     numbers = generator.standard_normal((count, dimension)) / np.sqrt(dimension)
     return torch.from_numpy(numbers.astype(np.float32))
+
+
+def _check_real(*vectors: Tensor) -> None:
+    for vector in vectors:
+        if not vector.is_floating_point() or not vector.ndim or not vector.shape[-1]:
+            raise UsageError(
+                f"vectors of shape {tuple(vector.shape)} and type {vector.dtype}",
+                name="vector",
+                suggestion="floats of shape (…, D)",
+            )
+
+
+def _check_together(first: torch.Size, second: torch.Size) -> None:
+    """Refuse batches of which one can't be repeated to fit the other."""
+    for one, other in zip(reversed(first), reversed(second), strict=False):
+        if one != other and 1 not in (one, other):
+            raise UsageError(
+                f"batches of shapes {tuple(first)} and {tuple(second)} do not go together",
+                name="second",
+            )

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.fx.experimental.optimization import fuse
 
 from sfol.errors import UsageError
-from vsr.segmentation import Frame
+from vsr.segmentation import Frame, check_alike
 
 Precision = Literal["auto", "float32", "bfloat16"]
 
@@ -95,10 +95,9 @@ def stack_gray(frames: Sequence[Frame]) -> Tensor:
     """Return the grey values of frames, uint8 (B, H, W).
 
     Raises:
-        UsageError: there are no frames, or their sides are no multiples of 32.
+        UsageError: there are no frames, they differ in size, or their sides are no multiples of 32.
     """
-    if not frames:
-        raise UsageError("a network needs at least one frame", name="frames")
+    check_alike(frames, "a network")
     gray = np.stack([frame.gray for frame in frames])
     if gray.shape[1] % 32 or gray.shape[2] % 32:
         raise UsageError(

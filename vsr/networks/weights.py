@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from pydantic import BaseModel, ConfigDict
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor, nn
 
-from sfol.errors import UsageError
-from sfol.reading import first_reason
-from sfol.writing import replacing
+from sfol.errors import FileError
+from vsr import tensor_files
+from vsr.tensor_files import Sha256
 
 
 class TrainedOn(BaseModel):
@@ -48,11 +46,12 @@ class Card(BaseModel):
         command: what made the file.
         started_from: the card of the weights that the training began with, if it did.
         versions: of the libraries.
+        sha256: of the file of weights; None before it is written.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    network: str
+    network: Literal["segmenter", "autoencoder"]
     architecture: str
     weights: str
     trained_on: TrainedOn
@@ -61,6 +60,7 @@ class Card(BaseModel):
     command: str
     started_from: dict[str, Any] | None = None
     versions: dict[str, str]
+    sha256: Sha256 | None = None
 
 
 def halved(state: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -76,11 +76,11 @@ def _half(tensor: Tensor) -> Tensor:
 
 
 def save_weights(folder: Path, card: Card, state: dict[str, Tensor]) -> Path:
-    """Write ``<network>.safetensors`` and the card ``<network>.json`` beside it.
+    """Write ``<network>.safetensors`` and, if that can be written, ``<network>.json`` beside it.
 
     Args:
         folder: where; made if need be.
-        card: what the weights are.
+        card: what the weights are; their hash is added to it.
         state: a network's state by names.
 
     Returns:
@@ -90,11 +90,9 @@ def save_weights(folder: Path, card: Card, state: dict[str, Tensor]) -> Path:
         UsageError: they can't be written.
     """
     file = folder / f"{card.network}.safetensors"
-    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}
-    with replacing(file) as part:
-        part.write_bytes(save(plain))
-    with replacing(_card_of(file)) as part:
-        part.write_text(card.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    weights = save({name: tensor.detach().cpu().contiguous() for name, tensor in state.items()})
+    written = card.model_copy(update={"sha256": tensor_files.sha256(weights)})
+    tensor_files.write_together({file: weights, _card_of(file): tensor_files.write_card(written)})
     return file
 
 
@@ -109,19 +107,19 @@ def load_weights(file: Path, network: nn.Module) -> Card:
         The card.
 
     Raises:
-        UsageError: file or card can't be read, or belong to another network.
+        FileError: file or card can't be read, do not belong together or belong to another network,
+            or a number is not finite.
     """
-    card = read_card(file)
-    try:
-        network.load_state_dict(load_file(file))
-    except (OSError, SafetensorError) as error:
-        raise UsageError(f"'{file}' can't be read: {error}", name=str(file)) from None
-    except RuntimeError as error:
-        raise UsageError(
-            f"'{file}' holds weights of another network: {first_reason(error)}",
+    card, header = read_card(file), tensor_files.read_header(file)
+    tensor_files.check_belongs(file, card.sha256, _card_of(file))
+    difference = tensor_files.misfit(header, tensor_files.kinds_of(network.state_dict()))
+    if difference:
+        raise FileError(
+            f"'{file}' holds weights of another network: {difference}",
             name=str(file),
             suggestion=f"its card says {card.architecture}",
-        ) from None
+        )
+    network.load_state_dict(tensor_files.load_finite(file))
     return card
 
 
@@ -129,14 +127,9 @@ def read_card(file: Path) -> Card:
     """Return the card of a file of weights.
 
     Raises:
-        UsageError: there is none, or it is incomplete.
+        FileError: there is none, or it is incomplete.
     """
-    path = _card_of(file)
-    try:
-        return Card.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        reason = first_reason(error)
-        raise UsageError(f"'{path}' is no card of weights: {reason}", name=str(path)) from None
+    return tensor_files.read_card(_card_of(file), Card, "card of weights")
 
 
 def _card_of(file: Path) -> Path:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
-from sfol.errors import UsageError
+from sfol.errors import FileError, UsageError
 from sfol.writing import replacing
+from vsr.classes import CLASS_COUNT
 from vsr.segmentation import Frame
+from vsr.tensor_files import read_card
 
 CARD = "frames.json"
 
@@ -25,6 +28,15 @@ _COLUMNS = {
     "streets": np.int64,
     "steps": np.int64,
 }
+_PICTURES = ("gray", "classes", "instances")
+
+
+class _FrameCard(BaseModel):
+    """What is said about a set of frames; whoever needs more than this asks for it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    renderer: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +88,7 @@ def load_frames(folder: Path) -> FrameSet:
             `FrameSet` and a `frames.json` that says at least which ``renderer`` made them.
 
     Raises:
-        UsageError: there are none, or a file is damaged.
+        UsageError: there are none, or a file is damaged or does not go with the others.
     """
     shards = sorted(folder.glob("*.npz"))
     if not shards or not (folder / CARD).is_file():
@@ -85,8 +97,11 @@ def load_frames(folder: Path) -> FrameSet:
             name=str(folder),
             suggestion="aeb frames renders those of the bundled street",
         )
-    card = json.loads((folder / CARD).read_text(encoding="utf-8"))
+    card = read_card(folder / CARD, _FrameCard, "card of frames").model_dump()
     parts = [read_shard(shard) for shard in shards]
+    for shard, part in zip(shards, parts, strict=True):
+        if part["gray"].shape[1:] != parts[0]["gray"].shape[1:]:
+            raise FileError(f"{shard} has frames of another size than {shards[0]}", name=str(shard))
     columns = {name: np.concatenate([part[name] for part in parts]) for name in _COLUMNS}
     return FrameSet(**columns, card=card)
 
@@ -95,17 +110,30 @@ def read_shard(file: Path) -> dict[str, NDArray[Any]]:
     """Return the columns of one file.
 
     Raises:
-        UsageError: the file is damaged or lacks a column.
+        FileError: the file is damaged, or a column is missing or of another shape or type.
     """
     try:
         with np.load(file) as shard:
-            return {name: shard[name] for name in _COLUMNS}
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise UsageError(
-            f"{file} is no file of frames: {error}",
-            name=str(file),
-            suggestion="delete it; aeb frames renders what is missing",
-        ) from error
+            columns = {name: shard[name] for name in _COLUMNS}
+    except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+        raise _no_frames(file, str(error)) from error
+    shape = columns["gray"].shape
+    for name, kind in _COLUMNS.items():
+        column = columns[name]
+        expected = shape if name in _PICTURES else shape[:1]
+        if len(shape) != 3 or column.shape != expected or column.dtype != kind:
+            raise _no_frames(file, f"{name} is {column.dtype} of shape {column.shape}")
+    if columns["classes"].max(initial=0) >= CLASS_COUNT:
+        raise _no_frames(file, f"a class has a number beyond {CLASS_COUNT - 1}")
+    return columns
+
+
+def _no_frames(file: Path, reason: str) -> FileError:
+    return FileError(
+        f"{file} is no file of frames: {reason}",
+        name=str(file),
+        suggestion="delete it; aeb frames renders what is missing",
+    )
 
 
 def write_shard(file: Path, columns: Mapping[str, NDArray[Any]]) -> None:

@@ -20,9 +20,11 @@ from rich.progress import track
 from rich.table import Table
 
 import sfol
-from sfol.errors import UsageError
+from sfol.cli.output import escaped
+from sfol.errors import FileError, UsageError
 from sfol.writing import replacing
 from vsr.grounding import SegmentationGrounding
+from vsr.json_files import valid_text
 from vsr.networks import autoencoder, unet
 from vsr.networks.weights import read_card
 from vsr.segmentation import Frame
@@ -179,7 +181,8 @@ def _train(task: Task, schedule: Schedule, files: Files, description: dict[str, 
     training = Training(task, schedule, folder, console)
     training.run()
     file = ship(training, files.output, description)
-    console.print(f"{file}, {file.stat().st_size / 1e6:.1f} MB: {read_card(file).metrics}")
+    size = file.stat().st_size / 1e6
+    console.print(escaped(f"{file}, {size:.1f} MB: {read_card(file).metrics}"))
 
 
 def _description(
@@ -213,9 +216,21 @@ def _check_held_out(frames: FrameSet, file: Path) -> None:
             name="data",
         )
     for seen in (card.train, card.validation):
-        first, last = seen["seeds"]
+        first, last = _seeds(seen, file)
         if ((frames.streets >= first) & (frames.streets <= last)).any():
             raise UsageError("the network has seen these streets in its training", name="data")
+
+
+def _seeds(frames: Mapping[str, Any], file: Path) -> tuple[int, int]:
+    """Return the first and the last street of what a network has seen."""
+    match frames.get("seeds"):
+        case [int(first), int(last)]:
+            return first, last
+    raise FileError(
+        f"the card of '{file}' does not say which streets the network has seen",
+        name="seeds",
+        suggestion="seeds: [first, last]",
+    )
 
 
 def _table(title: str, rows: Mapping[str, Mapping[str, float]]) -> Table:
@@ -251,4 +266,4 @@ def _rounded(value: Any) -> Any:
 def _command() -> str:
     program = Path(sys.argv[0]).name
     called = ["python", "-m", "vsr.training"] if program == "__main__.py" else [program]
-    return shlex.join([*called, *sys.argv[1:]])
+    return valid_text(shlex.join([*called, *sys.argv[1:]]))

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from torch import Tensor, nn
 from torch.utils.tensorboard import SummaryWriter
 
+from sfol.cli.output import escaped
 from sfol.errors import UsageError
 from sfol.writing import replacing
 
@@ -230,14 +231,15 @@ class Training:
             self.task.network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
             self._course = _Course(**state["course"])
-            self._console.print(f"going on from {file}")
+            self._console.print(escaped(f"going on from {file}"))
             return
 
     def _read(self, file: Path) -> dict[str, Any] | None:
         try:
             state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
         except Exception as error:  # a damaged file may raise anything
-            self._console.print(f"{file} is damaged and passed over: {type(error).__name__}")
+            damage = f"{file} is damaged and passed over: {type(error).__name__}"
+            self._console.print(escaped(damage))
             return None
         return state
 

@@ -60,11 +60,10 @@ def trained_on(train: FrameSet, validation: FrameSet) -> TrainedOn:
             same streets are among both.
     """
     for key in ("renderer", "camera"):
-        if train.card[key] != validation.card[key]:
+        first, second = (frames.card.get(key) for frames in (train, validation))
+        if first is None or first != second:
             raise UsageError(
-                f"training frames have the {key} {train.card[key]}, those for validation "
-                f"{validation.card[key]}",
-                name=key,
+                f"training frames have the {key} {first}, those for validation {second}", name=key
             )
     if set(train.streets) & set(validation.streets):
         raise UsageError("a street is in both training and validation frames", name="data")

@@ -12,6 +12,7 @@ from typing import Any
 from env.evaluation.statistics import Share
 from env.study.figures.contenders import TRAFFIC, Contender, Contenders, Pooled, groups, metric
 from env.study.figures.paper import Paper, PaperCell
+from env.study.figures.texts import as_cell
 from env.world.cells import CELLS, Cell
 
 OUTCOMES = ("success", "collision", "timeout")
@@ -115,7 +116,7 @@ def markdown(rows: Sequence[CollisionRow], paper: Paper) -> str:
         "  \n".join([*_perceptions(rows), *paper.remarks]),
     ]
     for title, table in tables(rows).items():
-        parts.append(f"## {title}")
+        parts.append(f"## {as_cell(title)}")
         for traffic in TRAFFIC:
             lines = [_markdown_row(row) for row in table if row.cell.traffic == traffic]
             parts += [f"### {traffic.capitalize()} traffic", "\n".join([_HEADER, *lines])]
@@ -175,7 +176,7 @@ def _csv_cells(row: CollisionRow, name: str) -> Iterator[tuple[str, float | None
 
 
 def _markdown_row(row: CollisionRow) -> str:
-    cells = [row.label, row.cell.occlusion, str(row.seeds) if row.measured else NOTHING]
+    cells = [as_cell(row.label), row.cell.occlusion, str(row.seeds) if row.measured else NOTHING]
     for name in OUTCOMES:
         cells += [_share(row.measured.get(name)), _printed(row.paper, name, 0)]
     cells += [*_stop(row.measured.get("stopping_distance"))]
@@ -214,6 +215,7 @@ def _perceptions(rows: Sequence[CollisionRow]) -> list[str]:
             key = (row.contender.perception, row.contender.episodes)
             by.setdefault(key, {})[row.name] = None
     return [
-        f"Perception `{perception}`, {episodes} episodes per cell and seed: {', '.join(names)}."
+        f"Perception `{perception}`, {episodes} episodes per cell and seed: "
+        f"{', '.join(map(as_cell, names))}."
         for (perception, episodes), names in by.items()
     ]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from env.study.figures.contenders import Group, in_order
 from env.study.figures.style import WIDTH, Look, caption, looks
+from env.study.figures.texts import plain
 from env.study.study_results import CurvePoint, TrainingResult
 from sfol.tools.plotting import new_figure
 
@@ -76,9 +77,9 @@ def draw_curves(trainings: Sequence[TrainingResult], groups: Sequence[Group]) ->
     for (above, below), group in zip(grid.T, shown, strict=True):
         for name in group.labels:
             runs = by_setup.get(name, [])
-            _lines(above, [_returns(run) for run in runs], group.labels[name], look[name])
-            _lines(below, [_successes(run) for run in runs], group.labels[name], look[name])
-        above.set_title(group.title, fontsize=9)
+            _lines(above, [_returns(run) for run in runs], plain(group.labels[name]), look[name])
+            _lines(below, [_successes(run) for run in runs], plain(group.labels[name]), look[name])
+        above.set_title(plain(group.title), fontsize=9)
         # A short training may have no episode of its own, but it has been evaluated.
         below.legend(fontsize=7, frameon=False, loc="lower right", handlelength=3.5)
         below.set_xlabel("steps", fontsize=8)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from env.evaluation.statistics import Share
 from env.study.figures.contenders import TRAFFIC, Contender, Pooled, level, metric
+from env.study.figures.texts import as_cell
 
 
 @dataclass(frozen=True)
@@ -128,4 +129,4 @@ def _markdown_row(row: DrivingRow) -> str:
     values = [row.value(c) for c in CHARACTERISTICS]
     shown = ["–" if value is None else f"{value:.2f}" for value in values]
     seeds = str(len(row.measured["min_ttc"].seeds))
-    return f"| {' | '.join([row.contender.name, seeds, *shown])} |"
+    return f"| {' | '.join([as_cell(row.contender.name), seeds, *shown])} |"

@@ -14,6 +14,7 @@ from env.evaluation.statistics import Mean
 from env.study.figures.contenders import TRAFFIC, Group, in_order, level
 from env.study.figures.driving import DrivingRow
 from env.study.figures.style import WIDTH, caption
+from env.study.figures.texts import plain
 from sfol.tools.plotting import new_figure
 
 if TYPE_CHECKING:
@@ -44,12 +45,12 @@ def draw_fluctuation(rows: Sequence[DrivingRow], groups: Sequence[Group]) -> Fig
     for axis, weight in zip(panels, weights, strict=True):
         for row in rows:
             _draw_bar(axis, setups.index(row.contender.name), row, weight)
-        axis.set_title(f"weight of {weight}", fontsize=9)
+        axis.set_title(plain(f"weight of {weight}"), fontsize=9)
         axis.set_ylabel("total variation in 1/s", fontsize=8)
         axis.grid(axis="y", color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         axis.tick_params(labelsize=7)
-    panels[-1].set_xticks(range(len(setups)), labels=setups, fontsize=8)
+    panels[-1].set_xticks(range(len(setups)), labels=list(map(plain, setups)), fontsize=8)
     _legend(figure)
     caption(
         figure,

@@ -23,6 +23,7 @@ from env.study.figures.style import save
 from env.study.figures.trajectory import draw_trajectory
 from env.study.study_results import StudyFolder
 from env.world.cells import CELLS
+from sfol.cli.output import escaped
 from sfol.errors import UsageError
 from sfol.writing import replacing
 
@@ -138,17 +139,17 @@ def _write_text(
 def _write(console: Console, product: Product, output: Path) -> None:
     if product.write is None:
         reason = f"{product.needs}; `aeb study` changes that"
-        console.print(f"[yellow]not written[/]: {product.name}: {reason}", soft_wrap=True)
+        console.print(f"[yellow]not written[/]: {escaped(product.name)}: {reason}", soft_wrap=True)
         return
     product.write(output / product.name)
-    console.print(f"written: {output / product.name}", soft_wrap=True)
+    console.print(f"written: {escaped(output / product.name)}", soft_wrap=True)
 
 
 def _print(console: Console, rows: Sequence[collision_test.CollisionRow]) -> None:
     """Print the tables in short: success, collision and timeout, and the stopping distance."""
     for title, members in collision_test.tables(rows).items():
         table = Table(
-            title=title,
+            title=escaped(title),
             title_justify="left",
             box=SIMPLE_HEAD,
             padding=(0, 1, 0, 0),
@@ -158,7 +159,7 @@ def _print(console: Console, rows: Sequence[collision_test.CollisionRow]) -> Non
             table.add_column(f"{cell.traffic}\n{cell.occlusion}", justify="right", no_wrap=True)
         for label in dict.fromkeys(row.label for row in members):
             row_of = {row.cell: row for row in members if row.label == label}
-            table.add_row(label, *(collision_test.short(row_of[cell]) for cell in CELLS))
+            table.add_row(escaped(label), *(collision_test.short(row_of[cell]) for cell in CELLS))
             if any(row.paper for row in row_of.values()):
                 printed = [collision_test.short_paper(row_of[cell]) for cell in CELLS]
                 table.add_row("  paper", *printed, style="dim")

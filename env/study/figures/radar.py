@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from env.study.figures.contenders import TRAFFIC, Group, in_order
 from env.study.figures.driving import CHARACTERISTICS, Characteristic, DrivingRow
 from env.study.figures.style import WIDTH, Look, caption, looks
+from env.study.figures.texts import plain
 from sfol.tools.plotting import new_figure
 
 if TYPE_CHECKING:
@@ -92,8 +93,10 @@ def draw_radar(rows: Sequence[DrivingRow], groups: Sequence[Group]) -> Figure:
             here = {row.contender.name: row for row in rows if row.traffic == traffic}
             _frame(plot, f"{traffic} traffic")
             _draw(plot, {name: here[name] for name in group.labels if name in here}, axes, look)
-        part.suptitle(group.title, fontsize=9)
-        _legend(part, {group.labels[name]: look[name] for name in group.labels if name in driven})
+        part.suptitle(plain(group.title), fontsize=9)
+        _legend(
+            part, {plain(group.labels[name]): look[name] for name in group.labels if name in driven}
+        )
     caption(figure, _caption(rows, axes))
     return figure
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
+from env.study.figures.texts import plain
 from sfol.writing import replacing
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
 
 def caption(figure: Figure, text: str) -> None:
     """Write what a figure's reader has to know below it; long lines are broken."""
-    lines = [fill(line, _CAPTION) for line in text.splitlines()]
+    lines = [fill(line, _CAPTION) for line in plain(text).splitlines()]
     figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7, color="0.25")
 
 

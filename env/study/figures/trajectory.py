@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from env.driving.setup import load_setup, setup_names
 from env.study.figures.style import WIDTH, caption, looks
+from env.study.figures.texts import plain
 from env.study.study_results import Trajectory
-from sfol.errors import SfolError
 from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base.loading import bundled_names
 from sfol.tools.plotting import new_figure
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def draw_trajectory(trajectory: Trajectory) -> Figure:
     _draw_speed(speed, times, trajectory)
     for axis, (weight, names) in zip(heads, groups.items(), strict=True):
         _draw_lines(axis, times, {name: trajectory.confidences[name] for name in names})
-        axis.set_ylabel(f"confidence,\n{weight}", fontsize=8)
+        axis.set_ylabel(plain(f"confidence,\n{weight}"), fontsize=8)
     _draw_lines(weights, times, dict(sorted(trajectory.weights.items())))
     weights.set_ylabel("weight", fontsize=8)
     weights.set_xlabel("time in s", fontsize=8)
@@ -51,8 +52,10 @@ def draw_trajectory(trajectory: Trajectory) -> Figure:
         for begin, end in at_crosswalk(trajectory):
             axis.axvspan(begin, end, color="0.85", linewidth=0)
     figure.suptitle(
-        f"{trajectory.driver}, {trajectory.traffic}/{trajectory.occlusion}, "
-        f"seed {trajectory.seed}: {trajectory.ending}",
+        plain(
+            f"{trajectory.driver}, {trajectory.traffic}/{trajectory.occlusion}, "
+            f"seed {trajectory.seed}: {trajectory.ending}"
+        ),
         fontsize=9,
     )
     caption(
@@ -74,10 +77,9 @@ def knowledge_base(trajectory: Trajectory) -> tuple[KnowledgeBase | None, str]:
         kb = KnowledgeBase.load(*sources)
         if kb.hash == wanted:
             return kb, f"Rules: {name}."
-    try:
-        kb = KnowledgeBase.load(name)
-    except SfolError:
+    if name not in bundled_names():  # a path in a file leads nowhere
         return None, f"Rules: {name}, which isn't at hand, so heads aren't grouped by weight."
+    kb = KnowledgeBase.load(name)
     if kb.hash == wanted:
         return kb, f"Rules: {name}."
     return kb, f"Rules: {name}, which has been changed since; heads are grouped as it is now."
@@ -124,7 +126,7 @@ def _draw_lines(axis: Axes, times: Array, lines: Mapping[str, Sequence[float]]) 
         axis.plot(
             times,
             lines[name],
-            label=name,
+            label=plain(name).lstrip("_"),  # what begins with _ stands in no legend
             color=look.color,
             linestyle=look.linestyle,
             linewidth=1.3,

@@ -67,7 +67,7 @@ def test_a_folder_in_use_is_refused_and_left_alone(name, tmp_path):
     with locked_folder(tmp_path / "run"):
         done = run(name, tmp_path / "run", tmp_path)
         assert isinstance(done.exception, SfolError), done.exception
-        assert re.search(r"in use by process \d+ \(.+\) since", str(done.exception))
+        assert re.search(r"in use by process \d+ since 20.* \(.+\)", str(done.exception))
         assert [path.name for path in (tmp_path / "run").iterdir()] == [".lock"]
 
 

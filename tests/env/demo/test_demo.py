@@ -18,7 +18,7 @@ from sfol.logs import read_log
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("demo")
+    folder = tmp_path_factory.mktemp("demo") / "[bold] [/]"  # no markup of the terminal
     return CliRunner().invoke(app, ["demo", "--output", str(folder)]), folder
 
 

@@ -1,5 +1,6 @@
 """Policies that `aeb train` writes: they need no trust, and drive as what was trained."""
 
+import errno
 import json
 from functools import partial
 
@@ -7,10 +8,14 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from safetensors.torch import load_file, save
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import sfol
+from env.driving import policy_files
 from env.driving.policies import TrainedDriver, file_hash, make_driver
 from env.driving.policy_files import PolicyCard, PolicyFile, act, load_actor
 from env.driving.setup import Setup
@@ -24,6 +29,8 @@ from env.street.crossing import OccludedCrossing
 from env.world.cells import Cell
 from sfol.errors import SfolError
 from tests.env.spaces import Spaces
+from vsr.hypervectors.codebook import Codebook
+from vsr.tensor_files import sha256
 
 CELL = Cell("low", "partial")
 STREET = {"traffic": "low", "occlusion": "partial", "perception": "truth", "observation": "state"}
@@ -187,9 +194,150 @@ def _widen(card):
     card.write_text(json.dumps(content))
 
 
-def test_the_codebook_is_part_of_a_policy(tmp_path, model):
-    path = write(tmp_path / "vsr.safetensors", model, setup(observation="vsr", fusion="ssi"))
-    make_driver(str(path))
-    path.with_suffix(".codebook.safetensors").unlink()
+@pytest.fixture
+def vsr_policy(tmp_path):
+    space = spaces.Box(-1.0, 1.0, (2048,), np.float32)
+    model = untrained(DummyVecEnv([partial(Spaces, space)]))
+    return write(tmp_path / "vsr.safetensors", model, setup(observation="vsr", fusion="ssi"))
+
+
+def test_the_codebook_is_part_of_a_policy(vsr_policy):
+    make_driver(str(vsr_policy))
+    codebook = vsr_policy.with_suffix(".codebook.safetensors")
+    Codebook(seed=1).save(codebook)
+    with pytest.raises(SfolError, match="is not the file that"):
+        make_driver(str(vsr_policy))
+    codebook.unlink()
     with pytest.raises(SfolError, match="codebook"):
-        make_driver(str(path))
+        make_driver(str(vsr_policy))
+
+
+# -- a file is not believed -----------------------------------------------------------------------
+
+
+def rewrite(path, **tensors):
+    """Change tensors of a policy, and let its card say that this is its file."""
+    path.write_bytes(save(load_file(path) | tensors))
+    change_card(path, sha256=sha256(path.read_bytes()))
+
+
+def change_card(path, **changes):
+    card = path.with_suffix(".json")
+    card.write_text(json.dumps(json.loads(card.read_text()) | changes))
+
+
+WIDE = torch.ones(8, 3 * 45 + 1)
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"0.weight": WIDE},
+        {"0.weight": torch.ones(8, 3 * 45, dtype=torch.int8)},
+        {"0.weight": torch.ones(8, 3 * 45, dtype=torch.complex64)},
+        {"0.weight": torch.full((8, 3 * 45), torch.nan)},
+        {"2.bias": torch.tensor([0.0, 1.0, torch.inf, 0.0])},
+        {"4.weight": torch.ones(2, 4)},
+        {"6.weight": torch.ones(1, 1)},
+        {"0.weight": torch.ones(8 * 3 * 45)},
+    ],
+    ids=str,
+)
+def test_tensors_that_are_not_what_the_card_says_are_refused_before_anybody_drives(policy, tensors):
+    rewrite(policy, **tensors)
+    with pytest.raises(SfolError, match=r"holds no policy|aren't finite"):
+        make_driver(str(policy))
+
+
+@pytest.mark.parametrize("frames", [1, 2, 4])
+def test_a_first_layer_of_another_width_is_refused(policy, frames):
+    content = json.loads(policy.with_suffix(".json").read_text())
+    change_card(policy, setup=content["setup"] | {"frames": frames})
+    with pytest.raises(SfolError, match=r"'0\.weight' is F32 of shape \(8, 135\), not"):
+        make_driver(str(policy))
+
+
+@pytest.mark.parametrize("layers", [[4096, 4096], [4096] * 8, [10**9], [10**30], [8] * 9, []])
+def test_a_card_that_claims_large_layers_costs_no_memory(policy, layers, monkeypatch):
+    def real_memory(*sizes):
+        pytest.fail("a network was built")
+
+    content = json.loads(policy.with_suffix(".json").read_text())
+    learning = content["setup"]["learning"] | {"layers": layers}
+    change_card(policy, setup=content["setup"] | {"learning": learning})
+    monkeypatch.setattr(policy_files.tensor_files, "load_finite", real_memory)
+    with pytest.raises(SfolError, match=r"holds no policy|no card of a policy"):
+        make_driver(str(policy))
+
+
+def test_weights_of_another_training_under_a_card_are_refused(policy, model):
+    old = policy.read_bytes()
+    with torch.no_grad():
+        model.policy.action_net.bias += 1.0
+    write(policy, model, setup(observation="state", perception="truth", frames=3))
+    policy.write_bytes(old)
+    with pytest.raises(SfolError, match=r"is not the file that .* train again"):
+        make_driver(str(policy))
+
+
+def test_a_card_that_names_no_file_is_refused(policy):
+    change_card(policy, sha256=None)
+    with pytest.raises(SfolError, match="does not say which file"):
+        make_driver(str(policy))
+
+
+def test_a_full_disk_leaves_the_policy_that_was_there(vsr_policy, model, monkeypatch):
+    before = {path.name: path.read_bytes() for path in vsr_policy.parent.iterdir()}
+
+    def full(path, content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(type(vsr_policy), "write_bytes", full)
+    with pytest.raises(SfolError, match="No space left"):
+        write(vsr_policy, model, setup(observation="vsr", fusion="ssi"))
+    assert {path.name: path.read_bytes() for path in vsr_policy.parent.iterdir()} == before
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.sampled_from(["", "state", "vsr", "../../x", "0" * 64]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+def leaves(value, place=()):
+    yield place
+    if isinstance(value, dict | list):
+        entries = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, entry in entries:
+            yield from leaves(entry, (*place, key))
+
+
+@given(data=st.data(), new=JSON)
+@settings(
+    deadline=None,
+    max_examples=60,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_whatever_a_card_says_it_drives_or_is_refused(policy, data, new):
+    card = policy.with_suffix(".json")
+    before = card.read_text()
+    content = {"card": json.loads(before)}
+    *path, last = data.draw(st.sampled_from([p for p in leaves(content) if p]))
+    spot = content
+    for key in path:
+        spot = spot[key]
+    spot[last] = new
+    card.write_text(json.dumps(content["card"]))
+    try:
+        driver = make_driver(str(policy))
+    except SfolError as error:
+        assert str(policy.with_suffix("")) in str(error)  # noqa: PT017
+    else:
+        assert isinstance(driver, TrainedDriver)
+    finally:
+        card.write_text(before)

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import sfol
 from env.cli import app
 from env.driving.drivers import DRIVERS
+from env.driving.policies import file_hash
 from env.driving.rollout import Ending, rollout
 from env.evaluation import evaluate as evaluation
 from env.evaluation.evaluate import Drive, drive_episode, evaluate, summarize
@@ -138,6 +139,23 @@ def test_cells_go_by_name():
         Cell.parse("low/ful")
 
 
+@pytest.mark.parametrize(
+    ("stem", "name"),
+    [
+        ("add-seed0", "add-seed0"),
+        ("my policy (1)", "my_policy_1_"),
+        ("..[bold]", "_bold_"),
+        ("ä" * 99, "_"),
+    ],
+)
+def test_what_a_policy_is_called_is_a_name(tmp_path, stem, name):
+    file = tmp_path / f"{stem}.safetensors"
+    file.write_bytes(b"")
+    some = Drive(str(file), CELLS[0], sfol.KnowledgeBase.load("crossing"))
+    assert some.settings.driver == f"{name}-{file_hash(file)}"
+    assert ResultFolder(tmp_path).file(some).parent.parent == tmp_path
+
+
 # ── The command ──────────────────────────────────────────────────────────────────────────────
 
 
@@ -147,7 +165,7 @@ def aeb(*arguments):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
+    folder = tmp_path_factory.mktemp("results") / "[bold] [/]"  # no markup of the terminal
     command = ["--driver", "full_throttle", "--episodes", 3, "--record", "--output", folder, *QUICK]
     return folder, command, aeb(*command)
 
@@ -240,7 +258,7 @@ def test_a_damaged_result_is_an_error(tmp_path):
     folder, some = ResultFolder(tmp_path), drive()
     folder.file(some).parent.mkdir()
     folder.file(some).write_text("{}")
-    with pytest.raises(SfolError, match="can't be read as a result"):
+    with pytest.raises(SfolError, match="is no result"):
         folder.find(some)
 
 
@@ -250,7 +268,7 @@ def test_a_damaged_result_of_another_drive_shows_before_anybody_drives(tmp_path,
     nobody_drives(monkeypatch)
     done = aeb("--driver", "full_throttle", "--episodes", 1, "--output", tmp_path, *QUICK)
     message = str(done.exception)
-    assert "crawl/low-full.json' can't be read as a result: settings: " in message
+    assert "crawl/low-full.json' is no result: settings: " in message
     assert "remove it" in message
 
 

@@ -102,10 +102,11 @@ def test_a_sweep_gives_a_result_for_each_approach_however_it_is_shared_out(monke
 
 def test_the_command_prints_a_table_and_writes_json(tmp_path):
     command = ["sweep", "--driver", "full_throttle", "--perception", "truth", "--workers", "1"]
-    done = CliRunner().invoke(app, [*command, "--output", str(tmp_path)])
+    folder = tmp_path / "[bold] [/]"  # no markup of the terminal
+    done = CliRunner().invoke(app, [*command, "--output", str(folder)])
     assert done.exit_code == 0, done.output
     assert "hit at 60 km/h" in done.output
-    content = json.loads((tmp_path / "sweep.json").read_text())
+    content = json.loads((folder / "sweep.json").read_text())
     assert len(content["approaches"]) == len(APPROACHES)
     assert content["knowledge_base_hash"] == KB.hash
 

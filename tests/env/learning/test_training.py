@@ -120,13 +120,13 @@ def test_an_unknown_setup_has_a_suggestion():
 
 
 def test_the_number_of_streets_is_an_option(setup_file, tmp_path):
-    command = ["train", "--setup", str(setup_file), "--output", str(tmp_path / "run")]
+    command = ["train", "--setup", str(setup_file), "--output", str(tmp_path / "[/] run")]
     done = CliRunner().invoke(app, [*command, "--streets", "3"])
     assert isinstance(done.exception, UsageError)
     assert "3 streets: choose a multiple" in str(done.exception)
     done = CliRunner().invoke(app, [*command, "--streets", "4"])
     assert done.exit_code == 0
-    card = PolicyFile(tmp_path / "run" / "policy.safetensors").card()
+    card = PolicyFile(tmp_path / "[/] run" / "policy.safetensors").card()
     assert card.setup == load_setup(setup_file).model_copy(update={"streets": 4})
     assert card.steps == 64
 

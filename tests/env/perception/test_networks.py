@@ -94,6 +94,21 @@ def test_weights_for_another_lens_are_refused(network):
         NETWORKS[network](camera=Camera(fov=90.0))
 
 
+@pytest.mark.parametrize("network", NETWORKS)
+def test_a_card_without_a_lens_is_refused(network, copied):
+    change_card(copied / f"{network}.json", camera={"size": 224.0})
+    with pytest.raises(UsageError, match="a camera with fov of its own, not 50"):
+        NETWORKS[network](copied, camera=Camera(fov=50.0))
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_the_shipped_cards_are_those_of_their_weights(network, copied):
+    other = next(name for name in NETWORKS if name != network)
+    shutil.copy(copied / f"{other}.safetensors", copied / f"{network}.safetensors")
+    with pytest.raises(UsageError, match="is not the file that"):
+        NETWORKS[network](copied)
+
+
 def test_without_the_extra_one_line_says_what_to_install():
     code = (
         "import sys; sys.modules['segmentation_models_pytorch'] = None\n"

@@ -1,6 +1,7 @@
 """Tables and figures of a study: what is pooled, what stays empty, and where the paper stands."""
 
 import csv
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -16,15 +17,23 @@ from typer.testing import CliRunner
 import sfol
 from env.cli import app, main
 from env.driving.setup import setup_names, training_name
-from env.evaluation.evaluate import Settings, Summary
-from env.evaluation.results import DriveResult, write_json
+from env.evaluation.evaluate import Drive, Settings, Summary
+from env.evaluation.results import DriveResult, write_csv, write_json
 from env.evaluation.statistics import Mean, Share
+from env.study.figures import collision_test, driving
 from env.study.figures.contenders import gather, groups, pool
 from env.study.figures.curves import draw_curves, mean_curve, smoothed
 from env.study.figures.driving import CHARACTERISTICS, driving_rows
 from env.study.figures.paper import load_paper
 from env.study.figures.radar import HALFWAY, Axis, axes_of, draw_radar
-from env.study.figures.trajectory import UNGROUPED, at_crosswalk, head_groups, knowledge_base
+from env.study.figures.texts import as_cell, plain
+from env.study.figures.trajectory import (
+    UNGROUPED,
+    at_crosswalk,
+    draw_trajectory,
+    head_groups,
+    knowledge_base,
+)
 from env.study.study_results import (
     CurvePoint,
     StudyFolder,
@@ -32,7 +41,8 @@ from env.study.study_results import (
     Trajectory,
 )
 from env.world.cells import CELLS, Cell
-from sfol.errors import UsageError
+from sfol.errors import FileError, UsageError
+from sfol.knowledge_base.loading import bundled_folder
 
 KB = sfol.KnowledgeBase.load("crossing")
 PICTURES = {"radar.png", "fluctuation.png", "training_curves.png", "trajectory-add-seed0.png"}
@@ -423,9 +433,9 @@ def test_rules_that_have_changed_or_are_gone_are_told():
 
 
 def test_the_time_on_the_crosswalk_is_that_of_ego_s_front():
-    on = trajectory_of("x", position=(58.0, 59.9, 60.0, 62.0, 64.0, 64.1), control_dt=0.5)
+    on = trajectory_of("x", position=(58.0, 59.9, 60.0, 62.0, 64.0) + 55 * (64.1,), control_dt=0.5)
     assert list(at_crosswalk(on)) == [(1.0, 2.5)]
-    assert list(at_crosswalk(trajectory_of("x", position=(1.0, 2.0)))) == []
+    assert list(at_crosswalk(trajectory_of("x", position=60 * (1.0,)))) == []
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -490,3 +500,148 @@ def test_a_file_that_is_no_result_is_named(tmp_path, place, capsys, monkeypatch)
     assert place in shown
     assert "Traceback" not in shown
     assert not (tmp_path / "out").exists()
+
+
+# -- names and texts from files -------------------------------------------------------------------
+
+OUTSIDE = [
+    "x/../../../../ESCAPED",
+    "..",
+    "/tmp/x",
+    "a/b",
+    ".hidden",
+    "=1+1",
+    "<b>",
+    "[/]",
+    "a|b",
+    "",
+]
+
+
+def everything(folder):
+    return {path for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+@pytest.mark.parametrize("kind", ["drives/x/low-full", "training/x", "trajectories/x"])
+def test_a_name_that_leads_elsewhere_is_refused_and_nothing_is_written(tmp_path, kind, name):
+    results = {
+        "drives/x/low-full": drive_of(name, CELLS[0]),
+        "training/x": training_of(name, 0),
+        "trajectories/x": trajectory_of(name),
+    }
+    folder = tmp_path / "deep" / "in"
+    write_json(folder / "study" / f"{kind}.json", results[kind])
+    before = everything(tmp_path)
+    done = figures(folder)
+    assert isinstance(done.exception, FileError)
+    assert "is no name" in str(done.exception)
+    assert f"{kind}.json" in str(done.exception)
+    assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["x/../../../../ESCAPED", "..", ""])
+def test_no_folder_of_results_goes_by_such_a_name(tmp_path, name):
+    folder = StudyFolder(tmp_path / "study")
+    drive = Drive("cautious", CELLS[0], KB, name=name or ".")
+    for use in (
+        lambda: folder.training(name),
+        lambda: folder.trajectory(name),
+        lambda: folder.write_training(name, training_of("add", 0)),
+        lambda: folder.write_trajectory(name, trajectory_of("add")),
+        lambda: folder.drives.find(drive),
+        lambda: folder.drives.write(drive, [], "a command"),
+    ):
+        with pytest.raises(UsageError, match="is no name"):
+            use()
+    assert not everything(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("traffic", "<b>"), ("occlusion", "../x"), ("perception", "=1+1")]
+)
+def test_other_words_of_a_result_are_those_that_are_known(tmp_path, field, value):
+    write_json(tmp_path / "study/drives/x/x.json", drive_of("x", CELLS[0], **{field: value}))
+    done = figures(tmp_path)
+    assert isinstance(done.exception, FileError)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_knowledge_base_of_a_trajectory_is_no_path(tmp_path):
+    rules = tmp_path / "mine.yaml"
+    rules.write_text((bundled_folder() / "crossing.yaml").read_text())
+    named = trajectory_of("add-seed0", knowledge_base=str(rules), knowledge_base_hash="other")
+    kb, remark = knowledge_base(named)
+    assert kb is None
+    assert "isn't at hand" in remark
+
+
+def test_a_trajectory_has_a_number_for_each_step(tmp_path):
+    with pytest.raises(UsageError, match="a number for each of its steps"):
+        trajectory_of("add-seed0", speed=(1.0, 2.0))
+    path = tmp_path / "study/trajectories/add-seed0.json"
+    write_json(path, trajectory_of("add-seed0"))
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"action": []}))
+    done = figures(tmp_path)
+    assert isinstance(done.exception, FileError)
+    assert "a number for each of its steps" in str(done.exception)
+
+
+@given(st.text(st.characters(blacklist_categories=["Cs"])) | st.text("|<>[]()`*\\\n\x1b=+-@'\"&;#"))
+def test_a_text_is_one_cell_of_a_markdown_table_and_no_html(text):
+    cell = as_cell(text)
+    assert "<" not in cell
+    assert cell.isprintable()
+    assert not re.search(r"(?<!\\)(\\\\)*[|`*\[]", cell)
+
+
+def test_labels_are_escaped_in_the_tables():
+    nasty = "a|<img src=x># [x](y)"
+    contenders = gather([drive_of(f"{nasty}-seed0", cell) for cell in CELLS], [])
+    paper = load_paper()
+    table = collision_test.markdown(collision_test.collision_rows(contenders, paper), paper)
+    for text in (table, driving.markdown(driving_rows(contenders.setups.values()))):
+        assert "<img" not in text
+        assert r"| a\|&lt;img src=x># \[x](y) |" in text
+
+
+@given(st.text(min_size=1))
+def test_no_cell_of_a_csv_file_is_a_formula(tmp_path_factory, text):
+    file = tmp_path_factory.mktemp("csv") / "one.csv"
+    text = text.encode(errors="replace").decode()
+    write_csv(file, [{"name": text, "speed": -1.5}])
+    with file.open(encoding="utf-8", newline="") as opened:
+        (row,) = csv.DictReader(opened)
+    assert row["speed"] == "-1.5"
+    assert row["name"].removeprefix("'") == text.removeprefix("'")
+    assert not row["name"].startswith(("=", "+", "-", "@", "\t", "\r", "\n"))
+
+
+def test_names_of_weights_and_heads_are_drawn_as_they_are():
+    nasty = ("$\\frac{", "_hidden", "\x1b[0m", "$", "[/]")
+    ramp = trajectory_of("x").speed
+    trajectory = trajectory_of(
+        "x",
+        knowledge_base="$\\frac{",
+        knowledge_base_hash="other",
+        confidences=dict.fromkeys(nasty, ramp),
+        weights=dict.fromkeys(nasty, ramp),
+    )
+    figure = draw_trajectory(trajectory)
+    figure.canvas.draw()
+    legend = figure.axes[1].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == list(map(plain_label, nasty))
+
+
+def plain_label(name):
+    return plain(name).lstrip("_")
+
+
+@pytest.mark.parametrize("name", ["[bold]", "[/]", "[/nothing]", "[link=x]"])
+def test_an_output_may_have_any_name(tmp_path, name):
+    write_drives(tmp_path / "study" / "drives", [drive_of("add-seed0", CELLS[0])])
+    done = figures(tmp_path, "--output", str(tmp_path / name))
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / name / "collision_test.md").exists()
+    assert f"{name}/collision_test.md" in done.output.replace("\n", "")

@@ -126,7 +126,7 @@ def test_in_short_a_setup_keeps_all_but_its_length(name):
 def test_from_the_camera_to_the_figures(tmp_path):
     """The whole chain with the paper's observation: three updates, one cell, one episode."""
     words = ["study", "--setup", str(write(tmp_path, observation="vsr")), "--cell", "low/partial"]
-    folder = tmp_path / "study"
+    folder = tmp_path / "[bold] [/] study"  # no markup of the terminal
     options = ["--episodes", "1", "--workers", "1", "--trainings", str(tmp_path / "trainings")]
     done = CliRunner().invoke(app, [*words, *options, "--output", str(folder)])
     assert done.exit_code == 0, done.output

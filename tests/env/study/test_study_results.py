@@ -62,8 +62,8 @@ def test_results_come_back_as_they_were_written(folder):
         ("training", "evaluations", [{"steps": 1.0}], "evaluation 1 has no success"),
         ("training", "evaluations", 7, "evaluations: Input should be"),
         ("training", "steps", "many", "steps: Input should be"),
-        ("trajectories", "speed", [0.0], "not every sequence has a number for each step"),
-        ("trajectories", "weights", {"safety": []}, "not every sequence has a number"),
+        ("trajectories", "speed", [0.0], "a trajectory has a number for each of its steps"),
+        ("trajectories", "weights", {"safety": []}, "a trajectory has a number"),
         ("trajectories", "ending", "gone", "ending: Input should be"),
     ],
 )
@@ -85,5 +85,5 @@ def test_a_trajectory_has_steps(folder, tmp_path):
     columns = ("position", "speed", "action", "distance", "reward")
     empty = {**{key: [] for key in columns}, "weights": {}, "confidences": {}}
     path.write_text(json.dumps(content | empty))
-    with pytest.raises(FileError, match="not every sequence"):
+    with pytest.raises(FileError, match="a trajectory has a number"):
         folder.trajectories()

@@ -10,7 +10,7 @@ from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
 from vsr.entities import Direction
 from vsr.hypervectors import hrr
 from vsr.hypervectors.codebook import Codebook
-from vsr.hypervectors.decoding import Decoder, block_likeness, template_count
+from vsr.hypervectors.decoding import MOST_ENTITIES, Decoder, block_likeness, template_count
 from vsr.hypervectors.descriptor import Layout, SceneDescriptor
 from vsr.hypervectors.fusion import Fusion
 
@@ -175,13 +175,25 @@ def test_a_map_is_read_back_from_its_descriptor():
 
 
 @pytest.mark.parametrize(
-    "vector", [torch.zeros(1024), torch.zeros(1, 2048), torch.full((2048,), float("nan"))]
+    ("vector", "message"),
+    [
+        (torch.zeros(1024), "2048 finite numbers"),
+        (torch.zeros(1, 2048), "2048 finite numbers"),
+        (torch.full((2048,), float("nan")), "not a finite number"),
+        (torch.zeros(2048, dtype=torch.complex64), "are complex"),
+    ],
 )
-def test_what_is_no_vector_of_the_codebook_is_refused(vector):
-    with pytest.raises(UsageError, match="cannot be decoded"):
+def test_what_is_no_vector_of_the_codebook_is_refused(vector, message):
+    with pytest.raises(UsageError, match=message):
         DECODER.decode(vector)
-    with pytest.raises(UsageError, match="2048 finite numbers"):
+    with pytest.raises(UsageError, match=message):
         DECODER.scores(vector.numpy())
+
+
+@pytest.mark.parametrize("most", [-1, MOST_ENTITIES + 1])
+def test_more_entities_than_a_vector_holds_are_not_looked_for(most):
+    with pytest.raises(UsageError, match="0 to 100"):
+        DECODER.decode(torch.ones(2048), most)
 
 
 def test_blocks_are_most_like_themselves():

@@ -1,7 +1,10 @@
 import json
+from hashlib import sha256
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from torch import nn
 
 from sfol.errors import UsageError
@@ -35,7 +38,8 @@ def test_weights_and_card_come_back_as_they_were(tmp_path):
     loaded = network()
     for tensor in loaded.state_dict().values():
         tensor.zero_()
-    assert load_weights(file, loaded) == CARD
+    card = load_weights(file, loaded)
+    assert card == CARD.model_copy(update={"sha256": sha256(file.read_bytes()).hexdigest()})
     assert file.name == "segmenter.safetensors"
     for name, tensor in saved.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], tensor), name
@@ -82,3 +86,50 @@ def test_an_incomplete_card_is_an_error_that_names_what_is_missing(tmp_path):
     file.with_suffix(".json").write_text(json.dumps(content))
     with pytest.raises(UsageError, match=r"trained_on\.renderer"):
         read_card(file)
+
+
+def test_older_weights_under_a_newer_card_are_refused(tmp_path):
+    old = save_weights(tmp_path, CARD, network().state_dict()).read_bytes()
+    file = save_weights(tmp_path, CARD, halved(network().state_dict()))
+    file.write_bytes(old)
+    with pytest.raises(UsageError, match=r"is not the file that .* train again"):
+        load_weights(file, network())
+
+
+@given(
+    name=st.sampled_from(sorted(network().state_dict())),
+    change=st.sampled_from(
+        [
+            lambda tensor: tensor.to(torch.int8),
+            lambda tensor: tensor.to(torch.complex64),
+            lambda tensor: tensor.to(torch.float64),
+            lambda tensor: tensor[None],
+            lambda tensor: tensor.reshape(-1)[:0],
+            lambda tensor: torch.full_like(tensor.float(), torch.nan),
+            lambda tensor: torch.full_like(tensor.float(), torch.inf),
+        ]
+    ),
+)
+@settings(deadline=None)
+def test_a_tensor_that_is_not_what_the_network_has_is_refused(tmp_path_factory, name, change):
+    """As a file whose card names it; so nothing but the tensors themselves can tell."""
+    state = network().state_dict()
+    file = save_weights(tmp_path_factory.mktemp("file"), CARD, state | {name: change(state[name])})
+    loaded = network()
+    with pytest.raises(UsageError, match=r"another network|aren't finite"):
+        load_weights(file, loaded)
+    for key, tensor in loaded.state_dict().items():
+        assert torch.equal(tensor, state[key]), key
+
+
+@pytest.mark.parametrize("names", [{"more": torch.ones(1)}, {}])
+def test_more_or_fewer_tensors_are_another_network_s(tmp_path, names):
+    state = dict(list(network().state_dict().items())[: None if names else -1]) | names
+    file = save_weights(tmp_path, CARD, state)
+    with pytest.raises(UsageError, match=r"it has (a|no) tensor"):
+        load_weights(file, network())
+
+
+def test_a_card_names_one_of_the_two_networks():
+    with pytest.raises(ValueError, match="segmenter"):
+        Card.model_validate(CARD.model_dump() | {"network": "../../segmenter"})

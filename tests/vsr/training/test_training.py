@@ -1,6 +1,7 @@
 import io
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +13,13 @@ from typer.testing import CliRunner
 from sfol.errors import UsageError
 from tests.vsr.painting import GROUNDING, Painting, street
 from vsr.classes import CLASS_COUNT, DESCRIPTOR_CLASSES, SemanticClass
-from vsr.networks.weights import read_card
+from vsr.networks.weights import Card, TrainedOn, read_card, save_weights
 from vsr.segmentation import Frame, SimulatorSegmenter
 from vsr.training import feature_quality, segmentation_quality
 from vsr.training.augmentation import relight
 from vsr.training.cli import app
 from vsr.training.frames import CARD, FrameSet, load_frames, write_shard
+from vsr.training.jobs import judge_segmenter
 from vsr.training.loop import Schedule, Training
 from vsr.training.segmenter import (
     SegmenterTask,
@@ -27,6 +29,7 @@ from vsr.training.segmenter import (
     segmentation_loss,
     windows,
 )
+from vsr.training.shipping import trained_on
 
 SHAPE = (128, 32)
 CAMERA = {"size": 224, "fov": 50.0, "height": 1.5}
@@ -198,6 +201,68 @@ def test_folders_without_frames_and_damaged_files_are_errors(tmp_path):
         load_frames(tmp_path / "frames")
 
 
+@pytest.mark.parametrize(
+    ("column", "values", "message"),
+    [
+        ("gray", np.zeros((8, *SHAPE), np.float32), "gray is float32"),
+        ("gray", np.zeros(8, np.uint8), "gray is uint8 of shape"),
+        ("classes", np.zeros((8, 3, 3), np.uint8), "classes is uint8 of shape"),
+        ("classes", np.full((8, *SHAPE), CLASS_COUNT, np.uint8), "number beyond 27"),
+        ("streets", np.zeros(7, np.int64), "streets is int64 of shape"),
+        ("steps", np.array([None] * 8), "allow_pickle"),
+    ],
+)
+def test_columns_that_are_not_what_they_should_be_are_errors(tmp_path, column, values, message):
+    save(random_frames(), tmp_path / "frames")
+    file = tmp_path / "frames" / "0.npz"
+    columns = dict(np.load(file)) | {column: values}
+    np.savez(file, **columns)
+    with pytest.raises(UsageError, match=message):
+        load_frames(tmp_path / "frames")
+
+
+def test_frames_of_two_sizes_are_an_error(tmp_path):
+    save(random_frames(), tmp_path / "frames")
+    save(random_frames(shape=(32, 32)), tmp_path / "more")
+    (tmp_path / "more" / "0.npz").rename(tmp_path / "frames" / "1.npz")
+    with pytest.raises(UsageError, match=r"1\.npz has frames of another size"):
+        load_frames(tmp_path / "frames")
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"renderer": 3}', "[" * 10_000])
+def test_a_card_of_frames_that_says_nothing_is_an_error(tmp_path, content):
+    save(random_frames(), tmp_path / "frames")
+    (tmp_path / "frames" / CARD).write_text(content)
+    with pytest.raises(UsageError, match="is no card of frames"):
+        load_frames(tmp_path / "frames")
+
+
+@pytest.mark.parametrize("seeds", [None, [], [1], ["a", "b"], 3])
+def test_a_card_that_does_not_say_what_a_network_has_seen_is_an_error(tmp_path, seeds):
+    card = Card(
+        network="segmenter",
+        architecture="none",
+        weights="float16",
+        trained_on=TrainedOn(
+            renderer="dice", camera=CAMERA, train={"seeds": seeds}, validation={"seeds": [0, 1]}
+        ),
+        schedule={},
+        metrics={},
+        command="",
+        versions={},
+    )
+    save_weights(tmp_path, card, {"a": torch.ones(1)})
+    save(random_frames(), tmp_path / "frames")
+    with pytest.raises(UsageError, match="does not say which streets"):
+        judge_segmenter(tmp_path / "frames", tmp_path, tmp_path / "judged.json", "crossing")
+
+
+def test_frames_whose_camera_nobody_names_are_not_trained_on():
+    unnamed = replace(random_frames(), card={"renderer": "dice"})
+    with pytest.raises(UsageError, match="training frames have the camera None"):
+        trained_on(unnamed, unnamed)
+
+
 def test_augmentation_changes_light_and_leaves_things_where_they_are():
     picture = torch.zeros(2, 1, 32, 32)
     picture[..., 8:16] = 0.8
@@ -360,9 +425,9 @@ def test_the_command_line_trains_ships_and_judges(network, tmp_path, monkeypatch
     for split, street_number in (("train", 0), ("validation", 50)):
         save(random_frames(4, street_number), tmp_path / "data" / split)
     save(random_frames(2, 90, (224, 224)), tmp_path / "test")
-    weights_folder, figures = tmp_path / "weights", tmp_path / "figures.json"
+    weights_folder, figures = tmp_path / "[/] weights", tmp_path / "figures.json"
     options = ["--data", tmp_path / "data", "--output", weights_folder, "--epochs", 1]
-    options += ["--batch", 2, "--checkpoints", tmp_path / "checkpoints"]
+    options += ["--batch", 2, "--checkpoints", tmp_path / "[/] checkpoints"]
     options += ["--focus"] if network == "segmenter" else []
     trained = run(network, *options)
     assert trained.exit_code == 0, trained.output
