@@ -9,7 +9,7 @@ from itertools import combinations, islice
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 from rich.tree import Tree
 
 from sfol.clauses import Body
@@ -381,8 +381,7 @@ def _number(value: float) -> str:
 
 def _rich_tree(node: Node) -> Tree:
     style = _STYLES.get(node.kind, "")
-    text = escape(node.text)
-    tree = Tree(f"[{style}]{text}[/{style}]" if style else text, guide_style="dim")
+    tree = Tree(Text(node.text, style), guide_style="dim")
     for child in node.children:
         tree.add(_rich_tree(child))
     return tree

@@ -277,13 +277,13 @@ def _kinds() -> dict[str, pa.DataType]:
 
 
 @contextmanager
-def _writing(arrow: Any, path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+def _writing(arrow: Any, part: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
     options = {"compression": "zstd", "write_page_checksum": True}
-    with arrow.parquet.ParquetWriter(path, schema, **options) as file:
+    with arrow.parquet.ParquetWriter(part, schema, **options) as file:
         yield file
         file.add_key_value_metadata({_DIGEST_KEY: bytes(_DIGITS)})
-    content = path.read_bytes()
-    with path.open("r+b") as written:
+    content = part.read_bytes()
+    with part.open("r+b") as written:
         written.seek(content.rindex(_MARK) + len(_MARK))
         written.write(_digest(content))
 

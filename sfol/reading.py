@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from pydantic import ValidationError
 
@@ -12,7 +12,7 @@ from sfol.errors import FileError, Place
 MAXIMUM_BYTES = 1_000_000
 
 
-def opened(path: Path, what: str = "file") -> BinaryIO:
+def opened(path: Path, what: str = "file") -> BufferedReader:
     """Return a file to read its bytes from.
 
     Args:

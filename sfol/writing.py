@@ -46,6 +46,20 @@ def replacing(path: Path, *, follow_link: bool = False) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def append_line(path: Path, text: str) -> None:
+    """Write a line at the end of a file, which is made if there is none; no link is followed.
+
+    Raises:
+        UsageError: the file can't be written.
+    """
+    try:
+        descriptor = os.open(path, os.O_APPEND | os.O_CREAT | os.O_WRONLY | os.O_NOFOLLOW, 0o666)
+        with open(descriptor, "a", encoding="utf-8") as file:
+            file.write(f"{text}\n")
+    except OSError as error:
+        raise unwritable(path, error) from None
+
+
 def check_writable(*paths: Path) -> None:
     """Make sure that files can be written, before the work that they are written for.
 

@@ -24,6 +24,27 @@ CALLS = {
 TRUSTED = {("env.driving.policies", "PPO.load(path, device='cpu')")}
 
 
+# Files are read through sfol.reading and written through sfol.writing, which yields a `part`.
+OPENERS = {"open", "read_bytes", "read_text", "write_bytes", "write_text"}
+OWN_FILES = r"part\.|files\('[\w.]+'\)\.joinpath\("
+OPEN_THEMSELVES = {
+    "sfol.reading": {"path.open('rb')"},
+    "sfol.writing": {
+        "os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 438)",
+        "os.open(path, os.O_APPEND | os.O_CREAT | os.O_WRONLY | os.O_NOFOLLOW, 438)",
+        "open(descriptor, 'a', encoding='utf-8')",
+    },
+    "sfol.locking": {"os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 438)"},
+    "sfol.cli.output": {"os.open(os.devnull, os.O_WRONLY)"},
+    "sfol.tools.committed": {  # a temporary folder
+        "Path(copy, name).write_bytes(_git(file.parent, 'cat-file', 'blob', digest))"
+    },
+    "vsr.tensor_files": {"stack.enter_context(replacing(path)).write_bytes(content)"},
+    "env.study.figures.style": {"Image.open(drawn)"},  # in memory
+    "env.evaluation.parallel": {"os.open(os.devnull, os.O_WRONLY)"},
+}
+
+
 def calls(tree):
     return [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
 
@@ -54,6 +75,19 @@ def test_the_exceptions_are_those_that_there_are():
     for name, call in TRUSTED:
         assert call in calls(ast.parse(MODULES[name].read_text()))
         assert dangerous(call)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_files_go_through_one_opener_and_one_writer(name):
+    tree = ast.parse(MODULES[name].read_text())
+    opened = {
+        ast.unparse(node)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and (getattr(node.func, "id", None) or getattr(node.func, "attr", None)) in OPENERS
+    }
+    themselves = {call for call in opened if not re.match(OWN_FILES, call)}
+    assert themselves == OPEN_THEMSELVES.get(name, set())
 
 
 @pytest.mark.parametrize(

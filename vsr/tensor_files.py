@@ -19,6 +19,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from sfol.errors import FileError
+from sfol.reading import opened
 from sfol.writing import replacing
 from vsr.json_files import read_json
 
@@ -61,11 +62,12 @@ def read_header(file: Path | str) -> Header:
     Raises:
         FileError: the file can't be read.
     """
+    opened(Path(file), "file of tensors").close()  # no pipe, which would be waited for
     try:
-        with safe_open(file, framework="pt") as opened:
-            slices = {name: opened.get_slice(name) for name in opened.keys()}  # noqa: SIM118
+        with safe_open(file, framework="pt") as header:
+            slices = {name: header.get_slice(name) for name in header.keys()}  # noqa: SIM118
             tensors = {n: (s.get_dtype(), tuple(s.get_shape())) for n, s in slices.items()}
-            return Header(opened.metadata() or {}, tensors)
+            return Header(header.metadata() or {}, tensors)
     except (OSError, SafetensorError) as error:
         raise FileError(f"'{file}' can't be read: {error}", name=str(file)) from None
 
@@ -119,11 +121,8 @@ def check_belongs(file: Path, digest: str | None, card: Path) -> None:
     Raises:
         FileError: it is another one, or can't be read.
     """
-    try:
-        with file.open("rb") as opened:
-            found = hashlib.file_digest(opened, "sha256").hexdigest()
-    except OSError as error:
-        raise FileError(f"'{file}' can't be read: {error.strerror}", name=str(file)) from None
+    with opened(file, "file of tensors") as content:
+        found = hashlib.file_digest(content, "sha256").hexdigest()
     if digest is None:
         raise FileError(
             f"'{card}' does not say which file it belongs to", name=str(card), suggestion=_TOGETHER

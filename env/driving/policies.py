@@ -17,6 +17,7 @@ from env.street.observation import ObservationKind, Observer, observer_of
 from env.street.view import StreetView
 from env.world.camera import DashCameraParameters
 from sfol.errors import UsageError, did_you_mean, missing_extra
+from sfol.reading import opened
 
 _PROJECT = Path(__file__).resolve().parents[2]
 TRAINED = "trained"
@@ -65,8 +66,13 @@ def make_driver(name: str, *, trust: bool = False) -> Driver:
 
 
 def file_hash(path: Path) -> str:
-    """Return the first 12 hexadecimal digits of a file's SHA-256."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    """Return the first 12 hexadecimal digits of a file's SHA-256.
+
+    Raises:
+        FileError: the file can't be read.
+    """
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:12]
 
 
 class TrainedDriver:

@@ -24,7 +24,7 @@ from env.driving.setup import Setup
 from env.learning.new_model import is_finite, untrained_model
 from sfol.errors import FileError, SfolError
 from sfol.knowledge_base import KnowledgeBase
-from sfol.reading import first_reason
+from sfol.reading import first_reason, opened
 from sfol.writing import replacing
 
 log = logging.getLogger(__name__)
@@ -140,6 +140,7 @@ class Checkpoints:
             FileError: the file can't be read, or holds something else.
             SfolError: the training was under other rules.
         """
+        opened(path, "checkpoint").close()  # no pipe, which would be waited for
         try:
             with safe_open(path, framework="pt") as file:
                 header = _Header.model_validate_json((file.metadata() or {}).get(_HEADER, ""))

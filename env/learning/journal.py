@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from sfol.errors import FileError, Place
-from sfol.writing import replacing, unwritable
+from sfol.reading import content_of
+from sfol.writing import append_line, replacing
 
+_MOST = 100_000_000  # bytes
 Row = dict[str, Any]
 
 
@@ -34,12 +36,7 @@ class History:
         """
         if not self.file.exists():
             return []
-        try:
-            *whole, _ = self.file.read_bytes().split(b"\n")
-        except OSError as error:
-            raise FileError(
-                f"'{self.file}' can't be read: {error.strerror}", name=str(self.file)
-            ) from None
+        *whole, _ = content_of(self.file, "journal", _MOST).split(b"\n")
         return [self._row(number, line) for number, line in enumerate(whole, start=1)]
 
     def append(self, row: Row) -> None:
@@ -48,11 +45,7 @@ class History:
         Raises:
             UsageError: the file can't be written.
         """
-        try:
-            with self.file.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-        except OSError as error:
-            raise unwritable(self.file, error) from None
+        append_line(self.file, json.dumps(row))
 
     def go_back_to(self, steps: int) -> None:
         """Forget the rows after a step: training goes on from there, and they will come again."""

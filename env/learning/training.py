@@ -43,7 +43,7 @@ from env.world.cells import Cell
 from sfol.errors import FileError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.locking import locked_folder
-from sfol.reading import first_reason
+from sfol.reading import content_of, first_reason
 from sfol.writing import replacing
 
 # Of what streets draw: cells, and the seeds of their episodes.
@@ -170,9 +170,10 @@ def _claim(folder: Path, setup: Setup) -> None:
         with replacing(file) as part:
             part.write_text(setup.model_dump_json(indent=2), encoding="utf-8")
         return
+    content = content_of(file, "setup")
     try:
-        known = Setup.model_validate_json(file.read_bytes())
-    except (OSError, ValidationError) as error:
+        known = Setup.model_validate_json(content)
+    except ValidationError as error:
         raise FileError(
             f"'{file}' can't be read as a setup: {first_reason(error)}",
             name=str(file),

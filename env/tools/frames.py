@@ -25,6 +25,7 @@ from env.world.camera import DashCameraParameters
 from env.world.cells import CELLS, Cell
 from sfol.errors import UsageError
 from sfol.locking import locked_folder
+from sfol.reading import content_of
 from sfol.writing import replacing
 from vsr.segmentation import Frame
 from vsr.training.frames import CARD, read_shard, write_shard
@@ -210,7 +211,7 @@ def _write_card(file: Path, card: dict[str, Any]) -> None:
         UsageError: the folder holds others.
     """
     content = json.dumps(card, indent=2) + "\n"
-    if file.exists() and file.read_bytes() != content.encode():
+    if file.exists() and content_of(file, "card") != content.encode():
         raise UsageError(
             f"{file.parent} holds other frames",
             name=str(file.parent),

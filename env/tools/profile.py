@@ -21,6 +21,7 @@ from rich.table import Table
 from env.driving.setup import load_setup
 from sfol.errors import missing_extra
 from sfol.locking import locked_folder
+from sfol.reading import text_of
 from sfol.writing import check_writable, replacing
 
 _STEPS = 512  # of all streets, for one update; three updates are recorded
@@ -39,6 +40,7 @@ _STAGES: Mapping[str, tuple[str, str]] = {
     "update of PPO": ("train", "stable_baselines3/ppo/ppo.py"),
 }
 _OTHER = "all else: transport between processes, bookkeeping"
+_MOST = 100_000_000  # bytes of what was sampled
 _FRAME = re.compile(r"(?P<function>.+) \((?P<file>.+):\d+\)")
 
 
@@ -62,8 +64,8 @@ def record(output: Path, perception: str) -> None:
         for kind, file in (("raw", stacks), ("flamegraph", flame)):
             _sample(kind, file, perception)
         with replacing(flame) as part:
-            part.write_text(without_folders(flame.read_text(encoding="utf-8")), encoding="utf-8")
-        stages = by_stage(stacks.read_text(encoding="utf-8").splitlines())
+            part.write_text(without_folders(text_of(flame, most=_MOST)), encoding="utf-8")
+        stages = by_stage(text_of(stacks, most=_MOST).splitlines())
         stacks.unlink()
         with replacing(table) as part:
             part.write_text(json.dumps(stages, indent=1) + "\n", encoding="utf-8")

@@ -16,6 +16,7 @@ from sfol.cli.output import line, print_errors, stdout
 from sfol.errors import SfolError, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.formatting import format_file
+from sfol.reading import text_of
 from sfol.tools.texts import visible
 from sfol.writing import replacing
 
@@ -77,7 +78,7 @@ def _paths(sources: list[str]) -> Iterator[Path]:
 def _formatted(path: Path) -> tuple[str, str]:
     """Return the text of a valid file, and the same formatted; line breaks are not translated."""
     KnowledgeBase.load(path)
-    text = path.read_bytes().decode()
+    text = text_of(path)
     return text, format_file(text)
 
 

@@ -26,6 +26,7 @@ from scipy import stats
 from scipy.optimize import linear_sum_assignment
 
 from sfol.errors import UsageError
+from sfol.reading import text_of
 from sfol.tools.plotting import new_figure
 from sfol.writing import replacing
 from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES, SemanticClass
@@ -320,7 +321,7 @@ def read(path: Path, settings: Mapping[str, Any]) -> list[Cell]:
     """Return the cells of a study that was begun with the same settings; else none."""
     if not path.exists():
         return []
-    study = json.loads(path.read_text())
+    study = json.loads(text_of(path, "study"))
     begun = study["settings"]  # there may be more, which decides nothing
     if {**begun, **settings} != begun:
         return []
@@ -346,7 +347,7 @@ def insert(page: Path, text: str) -> None:
     Raises:
         UsageError: the page has no such marks.
     """
-    before, begin, rest = page.read_text().partition(_BEGIN)
+    before, begin, rest = text_of(page, "page").partition(_BEGIN)
     _, end, after = rest.partition(_END)
     if not end:
         raise UsageError(f"'{page}' has no place for the table", name=str(page), suggestion=_BEGIN)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from sfol.errors import FileError, UsageError
+from sfol.reading import opened
 from sfol.writing import replacing
 from vsr.classes import CLASS_COUNT
 from vsr.segmentation import Frame
@@ -113,7 +114,7 @@ def read_shard(file: Path) -> dict[str, NDArray[Any]]:
         FileError: the file is damaged, or a column is missing or of another shape or type.
     """
     try:
-        with np.load(file) as shard:
+        with opened(file) as content, np.load(content) as shard:
             columns = {name: shard[name] for name in _COLUMNS}
     except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
         raise _no_frames(file, str(error)) from error

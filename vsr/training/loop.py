@@ -18,6 +18,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from sfol.cli.output import escaped
 from sfol.errors import UsageError
+from sfol.reading import opened
 from sfol.writing import replacing
 
 Metrics = dict[str, float]
@@ -236,7 +237,8 @@ class Training:
 
     def _read(self, file: Path) -> dict[str, Any] | None:
         try:
-            state: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
+            with opened(file, "checkpoint") as content:
+                state: dict[str, Any] = torch.load(content, map_location="cpu", weights_only=True)
         except Exception as error:  # a damaged file may raise anything
             damage = f"{file} is damaged and passed over: {type(error).__name__}"
             self._console.print(escaped(damage))

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from sfol.errors import UsageError
+from sfol.reading import opened
 from vsr.networks.weights import Card, TrainedOn, halved, save_weights
 from vsr.training.frames import FrameSet
 from vsr.training.loop import Metrics, Task, Training
@@ -33,7 +34,8 @@ def ship(training: Training, output: Path, description: Mapping[str, Any]) -> Pa
     Returns:
         The file of weights: float16 where rounding costs nothing that validation can measure.
     """
-    best = torch.load(training.best_weights, map_location="cpu", weights_only=True)
+    with opened(training.best_weights, "checkpoint") as content:
+        best = torch.load(content, map_location="cpu", weights_only=True)
     state, metrics = _smallest(training.task, best)
     card = Card(
         weights=_type_of(state),
