@@ -280,6 +280,7 @@ class _Record:
                 name=error.name,
                 suggestion=f"put it back, or remove '{self._evaluations.file.name}': the next "
                 "evaluation writes a policy",
+                place=error.place,
             ) from None
         if self._policy.card().knowledge_base_hash != self._rules.hash:
             raise other_rules(self.folder, self._rules)

@@ -495,7 +495,11 @@ def content_of(folder):
         ("evaluations.jsonl", b"7\n", r"evaluations\.jsonl:1: this is no row.*remove the line"),
         ("episodes.jsonl", b"{}\n", r"episodes\.jsonl:1: this is no row.*remove the line"),
         ("policy.json", b"{}", r"policy\.json' is no card of a policy: setup: Field required"),
-        ("policy.json", None, r"policy\.json' is no card of a policy: No such file.*put it back"),
+        (
+            "policy.json",
+            None,
+            r"policy\.json: the card of a policy can't be read: No such file.*put it back",
+        ),
         ("policy.safetensors", b"", r"policy\.safetensors' can't be read"),
         ("policy.safetensors", None, r"no policy file '.*', though '.*' has its evaluation"),
     ],

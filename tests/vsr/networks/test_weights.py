@@ -75,7 +75,7 @@ def test_weights_of_another_network_are_an_error_that_says_what_they_are(tmp_pat
 def test_weights_without_a_card_are_an_error(tmp_path):
     file = save_weights(tmp_path, CARD, network().state_dict())
     file.with_suffix(".json").unlink()
-    with pytest.raises(UsageError, match="is no card"):
+    with pytest.raises(UsageError, match="card of weights can't be read"):
         load_weights(file, network())
 
 
