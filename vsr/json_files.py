@@ -28,7 +28,12 @@ def read_json(
     Raises:
         FileError: there is no such file, it is too large, or it holds something else.
     """
-    content = content_of(path, what, most)
+    try:
+        content = content_of(path, what, most)
+    except FileError as error:
+        raise FileError(
+            error.message, name=error.name, suggestion=suggestion, place=error.place
+        ) from None
     try:
         return TypeAdapter(kind).validate_json(content)
     except ValidationError as error:
