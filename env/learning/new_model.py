@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from stable_baselines3 import PPO
-from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.utils import LinearSchedule, obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
@@ -117,26 +119,47 @@ def new_model(setup: Setup, streets: VecEnv, progress: Progress = lambda steps, 
 
 
 class FinitePPO(PPO):
-    """PPO that ends when its weights are no longer numbers; stable-baselines3's would go on."""
+    """PPO that ends when its networks' numbers are no longer finite."""
 
     def train(self) -> None:
         """Do an update.
 
         Raises:
-            SfolError: it has left weights that are not finite.
+            SfolError: it has left weights or outputs that are not finite.
         """
         super().train()
-        if not is_finite(self):
-            raise SfolError(
-                f"the training has diverged: after {self.num_timesteps} steps, not all weights are "
-                "finite numbers",
-                suggestion="a smaller learning_rate or reward_scale, and another --output; the "
-                "last checkpoint and the best policy are kept",
-            )
+        seen = obs_as_tensor(cast(Array, self._last_obs), self.device)
+        with torch.no_grad():
+            outputs = (self.policy.get_distribution(seen).mode(), self.policy.predict_values(seen))
+        if not (is_finite(self) and all(output.isfinite().all() for output in outputs)):
+            raise _diverged()
+
+
+@contextmanager
+def divergence_told() -> Iterator[None]:
+    """Make an error of ours of what torch says when numbers of a policy are not finite.
+
+    Raises:
+        SfolError: they are not.
+    """
+    try:
+        yield
+    except ValueError as error:
+        if "to satisfy the constraint" not in str(error):  # torch's words for them
+            raise
+        raise _diverged() from None
+
+
+def _diverged() -> SfolError:
+    return SfolError(
+        "the training has diverged: not all numbers of its networks are finite",
+        suggestion="a smaller learning_rate or reward_scale, and another --output; checkpoints "
+        "from before and the best policy are kept",
+    )
 
 
 def is_finite(model: PPO) -> bool:
-    """Tell whether all numbers of a model's networks are finite."""
+    """Tell whether all weights of a model are finite."""
     return all(bool(tensor.isfinite().all()) for tensor in model.policy.state_dict().values())
 
 

@@ -36,7 +36,7 @@ from env.learning.callbacks import (
 )
 from env.learning.checkpoints import Checkpoints, other_rules
 from env.learning.journal import Clock, History, Row
-from env.learning.new_model import codebook_of, new_model, start_of
+from env.learning.new_model import codebook_of, divergence_told, new_model, start_of
 from env.learning.vector_streets import make_streets
 from env.street.seeds import EVALUATION
 from env.world.cells import Cell
@@ -91,7 +91,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     """
     start_of(setup)  # refused before anything is written
     rules = sfol.KnowledgeBase.load(*setup.rules)
-    with locked_folder(folder), _threads_for(setup):
+    with locked_folder(folder), _threads_for(setup), divergence_told():
         _claim(folder, setup)
         record = _Record(setup, rules, folder)
         if record.last_evaluation >= setup.steps:

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from env.driving.setup import load_setup
-from sfol.errors import missing_extra
+from sfol.errors import SfolError, missing_extra
 from sfol.locking import locked_folder
 from sfol.reading import text_of
 from sfol.writing import check_writable, replacing
@@ -56,7 +56,7 @@ def record(output: Path, perception: str) -> None:
 
     Raises:
         MissingExtraError: py-spy is not installed.
-        SfolError: another process has the folder, or nothing can be written there.
+        SfolError: another process has the folder, nothing can be written there, or py-spy fails.
     """
     stacks, flame, table = (output / name for name in ("stacks.txt", "flame.svg", "stages.json"))
     with locked_folder(output):
@@ -134,14 +134,18 @@ def _sample(kind: str, file: Path, perception: str) -> None:
     spy = shutil.which("py-spy", path=str(Path(sys.executable).parent)) or shutil.which("py-spy")
     if spy is None:
         raise missing_extra("py-spy", "a profile needs it")
-    subprocess.run(
+    done = subprocess.run(
         [
             *(spy, "record", "--subprocesses", "--rate", str(_RATE), "--format", kind),
             *("--output", str(file), "--"),
             *(sys.executable, "-m", "env.tools.profile", perception),
         ],
-        check=True,
+        check=False,
     )
+    if done.returncode:
+        raise SfolError(
+            f"py-spy ended with exit code {done.returncode}; it says why above", name="py-spy"
+        )
 
 
 def _table(stages: Mapping[str, float]) -> Table:

@@ -15,7 +15,7 @@ from safetensors.torch import load_file, save_file
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import configure
 
-from env.driving.setup import Setup
+from env.driving.setup import Setup, changed
 from env.learning import training
 from env.learning.checkpoints import Checkpoints
 from env.learning.new_model import untrained_model
@@ -195,17 +195,38 @@ def test_a_training_does_not_go_on_under_other_rules(checkpoints, streets, tmp_p
         other.last_model(SETUP, streets)
 
 
-def test_weights_that_are_no_numbers_end_a_training_and_are_not_kept(tmp_path, monkeypatch):
+def overflow(model):
+    """Let a policy's mean be infinite, though each of its weights is finite."""
+    model.policy.mlp_extractor.policy_net[0].bias.data.fill_(100.0)  # tanh is 1
+    model.policy.action_net.weight.data.fill_(3e38)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda model: model.policy.log_std.data.fill_(torch.nan),
+        lambda model: model.policy.value_net.weight.data.fill_(torch.inf),
+        overflow,
+    ],
+)
+def test_weights_that_are_no_numbers_end_a_training_and_are_not_kept(tmp_path, monkeypatch, spoil):
     update = PPO.train
 
     def diverging(model):
         update(model)
         if model.num_timesteps == 32:
-            model.policy.log_std.data.fill_(torch.nan)
+            spoil(model)
 
     monkeypatch.setattr(PPO, "train", diverging)
-    with pytest.raises(SfolError, match="diverged: after 32 steps"):
+    with pytest.raises(SfolError, match="the training has diverged"):
         training.train(SETUP, tmp_path)
     (kept,) = Checkpoints(tmp_path, RULES).files()
     assert kept.name == "checkpoint-000000016.safetensors"
     assert all(tensor.isfinite().all() for tensor in load_file(kept).values())
+
+
+@pytest.mark.parametrize("learning", [{"learning_rate": 1e30}, {"reward_scale": 3e38}])
+def test_a_training_that_diverges_ends_with_an_error(tmp_path, learning):
+    setup = changed(SETUP, learning=SETUP.learning.model_dump() | learning)
+    with pytest.raises(SfolError, match="the training has diverged"):
+        training.train(setup, tmp_path)

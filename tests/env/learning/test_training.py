@@ -101,6 +101,8 @@ def test_stages_follow_one_another():
         ("streets: 1", "speed: true", "has ego's speed anyway"),
         ("steps: 64", "steps: 0", "greater than 0"),
         ("streets: 1", "streets: 3", "16 steps for an update.*3 streets: choose a multiple"),
+        ("layers: [8]", "log_std_init: .nan", "finite|\\.nan"),
+        ("layers: [8]", "learning_rate: .inf", "finite|\\.inf"),
         ("layers: [8]", "whitening_steps: 64", "64 steps tell too little.*: choose 128 or more"),
         ("version: 1", "version: [", "small.yaml:"),
     ],
