@@ -176,8 +176,8 @@ def test_the_policy_beside_the_networks_weights_has_a_name(tmp_path, model, monk
     ("break_it", "message"),
     [
         (lambda path: path.unlink(), "no policy file"),
-        (lambda path: path.with_suffix(".json").unlink(), "no card of a policy"),
-        (lambda path: path.with_suffix(".json").write_text("{}"), "no card of a policy"),
+        (lambda path: path.with_suffix(".json").unlink(), "card of a policy"),
+        (lambda path: path.with_suffix(".json").write_text("{}"), "card of a policy"),
         (lambda path: path.write_bytes(path.read_bytes()[:99]), "can't be read"),
         (lambda path: _widen(path.with_suffix(".json")), "holds no policy"),
     ],
