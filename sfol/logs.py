@@ -7,8 +7,8 @@ file's metadata hold the version of the format, that of sfol, the name and hash 
 base, and a digest of all bytes of the file but its own. A log has what a reward needs, so that any
 other knowledge base can be put to the same episodes.
 
-What is read is what was written: the digest is checked first, and then every value of every row,
-since other programs write logs without a digest.
+What is read is what was written: the digest is checked first, and then every value of every row.
+Other programs write logs without a digest, which are read only if one asks for that.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ MAXIMUM_ROWS = 500_000
 _KEY, _DIGEST_KEY, _DIGITS = b"sfol", b"sfol_digest", 64
 # A key of the metadata, and of its value that it is a text and how long; source: Thrift's compact
 # protocol, in which Parquet has its metadata.
+_PARQUET = b"PAR1"
 _MARK = _DIGEST_KEY + bytes([0x18, _DIGITS])
 _COLUMNS = ("episode", "step", "time", "facts", "signals", "ending")
 # For each row that may be read, on average; with 500,000 rows some GB of memory.
@@ -218,13 +219,16 @@ class LogWriter:
             raise UsageError(f"the log '{self._path}' is closed", name=str(self._path))
 
 
-def read_log(path: str | Path, *, maximum_rows: int = MAXIMUM_ROWS) -> Log:
+def read_log(path: str | Path, *, maximum_rows: int = MAXIMUM_ROWS, foreign: bool = False) -> Log:
     """Read a log.
 
     Args:
         path: the file.
         maximum_rows: the most steps that are read, with 20 facts and signals each on average; the
             default takes some GB of memory.
+        foreign: whether a log may be one that another program has written, without a digest. Only
+            a file of your own should be: one that is damaged in certain ways ends the process,
+            within pyarrow.
 
     Raises:
         LogError: it can't be read, is no log, is damaged or too long, or has a newer format.
@@ -236,7 +240,7 @@ def read_log(path: str | Path, *, maximum_rows: int = MAXIMUM_ROWS) -> Log:
         with opened(Path(path), "log") as file:
             content = file.read(most_bytes + 1)
         _check_size("bytes", len(content), most_bytes)
-        _check_digest(content)
+        _check_digest(content, foreign=foreign)
         return _log(_parquet_file(arrow, content), maximum_rows)
     except OSError as error:
         raise LogError(f"the log can't be read: {error.strerror}", place=place) from None
@@ -321,10 +325,16 @@ class _About(BaseModel):
     hash: str
 
 
-def _check_digest(content: bytes) -> None:
+def _check_digest(content: bytes, *, foreign: bool) -> None:
     """Check the bytes before anything reads them: pyarrow may crash on damaged metadata."""
     if _MARK not in content:
-        return
+        if foreign or not content.startswith(_PARQUET):
+            return
+        raise LogError(
+            "this Parquet file has no digest: it is no log of sfol, it is damaged, or another "
+            "program has written it again",
+            suggestion="a log of your own is read by sfol.logs.read_log(path, foreign=True)",
+        )
     start = content.rindex(_MARK) + len(_MARK)
     if content[start : start + _DIGITS] != _digest(content):
         raise LogError("the log is damaged: its digest is another one", suggestion=_DAMAGED)

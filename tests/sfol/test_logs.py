@@ -132,9 +132,9 @@ def test_it_is_compact(tmp_path, aeb):
 def test_foreign_newer_and_broken_files(tmp_path, aeb):
     path = tmp_path / "x.parquet"
 
-    def error():
+    def error(**how):
         with pytest.raises(LogError) as caught:
-            read_log(path)
+            read_log(path, **how)
         assert caught.value.place.file == str(path)
         return str(caught.value)
 
@@ -143,14 +143,15 @@ def test_foreign_newer_and_broken_files(tmp_path, aeb):
     assert "no Parquet file" in error()
     pq.write_table(pa.table({"a": [1]}), path)
     assert "no log of sfol" in error()
+    assert "no log of sfol" in error(foreign=True)
     write(path, aeb)
     table = pq.read_table(path)
     about = json.loads(table.schema.metadata[b"sfol"])
     newer = {b"sfol": json.dumps({**about, "version": LOG_VERSION + 1, "sfol": "9.0"})}
     pq.write_table(table.replace_schema_metadata(newer), path)
-    assert "written by sfol 9.0; this one reads up to 1 (update sfol)" in error()
+    assert "written by sfol 9.0; this one reads up to 1 (update sfol)" in error(foreign=True)
     pq.write_table(table.drop_columns(["facts"]), path)
-    assert "damaged: it has no column 'facts'" in error()
+    assert "damaged: it has no column 'facts'" in error(foreign=True)
 
 
 # -- damage ---------------------------------------------------------------------------------------
@@ -163,11 +164,11 @@ def whole(tmp_path_factory, aeb):
     return path
 
 
-def read_changed(whole, path, content):
+def read_changed(whole, path, content, *, foreign=False):
     """Return the log of changed bytes, which is the whole one, or the error that says where."""
     path.write_bytes(content)
     try:
-        found = read_log(path)
+        found = read_log(path, foreign=foreign)
     except LogError as error:
         found = error
     if isinstance(found, LogError):
@@ -203,9 +204,11 @@ def rewritten(whole, path, rows, schema=None, **metadata):
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)
 
 
-def test_a_log_that_another_program_wrote_again_is_read(whole, tmp_path):
+def test_a_log_that_another_program_wrote_again_is_read_if_asked_for(whole, tmp_path):
     rewritten(whole, tmp_path / "x.parquet", pq.read_table(whole).to_pylist())
-    assert read_log(tmp_path / "x.parquet") == read_log(whole)
+    assert read_log(tmp_path / "x.parquet", foreign=True) == read_log(whole)
+    with pytest.raises(LogError, match=r"no digest: .* \(.*foreign=True\)"):
+        read_log(tmp_path / "x.parquet")
 
 
 def set_in(*path):
@@ -253,7 +256,7 @@ def test_a_damaged_row_is_named(whole, tmp_path, change, message):
     change(rows)
     path = tmp_path / "x.parquet"
     rewritten(whole, path, rows)
-    assert message in str(read_changed(whole, path, path.read_bytes()))
+    assert message in str(read_changed(whole, path, path.read_bytes(), foreign=True))
 
 
 @settings(max_examples=25)
@@ -282,7 +285,7 @@ def test_damaged_metadata_are_found(whole, tmp_path, metadata, message):
     table = pq.read_table(whole).replace_schema_metadata({b"sfol": metadata})
     path = tmp_path / "x.parquet"
     pq.write_table(table, path)
-    assert message in str(read_changed(whole, path, path.read_bytes()))
+    assert message in str(read_changed(whole, path, path.read_bytes(), foreign=True))
 
 
 @pytest.mark.parametrize("column", ["episode", "step", "time", "facts", "signals", "ending"])
@@ -297,7 +300,7 @@ def test_columns_of_another_type_are_found(whole, tmp_path, column):
         (table.drop_columns([column]), f"it has no column '{column}'"),
     ):
         pq.write_table(changed, path)
-        assert message in str(read_changed(whole, path, path.read_bytes()))
+        assert message in str(read_changed(whole, path, path.read_bytes(), foreign=True))
 
 
 def test_a_log_that_is_too_long_is_not_read(whole, tmp_path, monkeypatch):
@@ -314,7 +317,7 @@ def test_a_log_that_is_too_long_is_not_read(whole, tmp_path, monkeypatch):
         change(rows)
         rewritten(whole, tmp_path / "x.parquet", rows)
         with pytest.raises(LogError, match=message):
-            read_log(tmp_path / "x.parquet", maximum_rows=6)
+            read_log(tmp_path / "x.parquet", maximum_rows=6, foreign=True)
 
 
 # -- what can't be logged -------------------------------------------------------------------------
