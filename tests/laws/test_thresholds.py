@@ -91,14 +91,18 @@ def test_a_mean_decides_as_fractions_do(kitchen, values, threshold):
     assert set(decisions(kb, facts)) == {exact >= Fraction(threshold, 100)}
 
 
+@pytest.mark.parametrize(("when", "at_least"), [("Pot(X), not Hot(X)", 0.2), ("Hot(X)", 0.7)])
 @given(midpoint=hundredths)
-def test_an_entity_weights_condition_counts_from_its_confidence_on(kitchen, midpoint):
-    conditions = (EntityCondition(parse_condition("Pot(X), not Hot(X)"), 1.0, 0.2),)
+def test_an_entity_weights_condition_counts_from_its_confidence_on(
+    kitchen, when, at_least, midpoint
+):
+    conditions = (EntityCondition(parse_condition(when), 1.0, at_least),)
     reward = RewardFunction(replace(kitchen, entity_weights=conditions))
     facts = Facts.parse("Pot(pan).")
     facts.add("Hot", "pan", bound=(midpoint / 100, midpoint / 100))
-    expected = 1.0 if 1 - Fraction(midpoint, 100) >= Fraction(2, 10) else 0.0
-    assert reward.entity_weights(facts, ["pan"]) == {"pan": expected}
+    confidence = Fraction(midpoint, 100)
+    exact = confidence if when == "Hot(X)" else 1 - confidence
+    assert reward.entity_weights(facts, ["pan"]) == {"pan": float(exact >= Fraction(str(at_least)))}
 
 
 def test_the_tolerance_is_small():

@@ -108,3 +108,26 @@ def test_copies_are_independent_and_about_selects():
     twin.add("P", "d")
     assert len(facts) == 3
     assert set(map(str, facts.about("a"))) == {"P(a)", "Q(a, b)"}
+
+
+def test_what_is_about_an_entity_keeps_its_bounds():
+    facts = Facts.parse("Pot(p): 0.5. Near(q, p): [0.1, 0.2]. Pot(q).", margin=0.1)
+    assert facts.about("p") == Facts.parse("Pot(p): [0.45, 0.55]. Near(q, p): [0.1, 0.2].")
+    assert facts.about("p").margin == 0.1
+
+
+def test_what_is_not_known_is_not_there():
+    facts = Facts.parse("Pot(p).")
+    assert facts.bound("Lid", "p") is None
+    assert facts.bound("Pot", "q") is None
+    assert ("Pot", "p") in facts
+    assert Atom("Pot", ("p",)) in facts
+    for other in (("Lid", "p"), ("Pot", "q"), (), "Pot", ["Pot", "p"], None):
+        assert other not in facts
+
+
+def test_facts_are_equal_to_facts_alone():
+    facts = Facts.parse("Pot(p).")
+    assert facts == Facts.parse("Pot(p).", margin=0.5)
+    assert facts != Facts.parse("Pot(p): [0.5, 1.0].")
+    assert facts != dict(facts.items())

@@ -54,3 +54,9 @@ def test_a_literal_that_holds_has_its_own_bound(kind, data, known, threshold):
         if isinstance(literal, AtomLiteral):
             for reading in (literal.holds(rule), literal.reaches(threshold)):
                 assert reading(known) in (None, literal.bound(known))
+
+
+def test_a_guard_keeps_what_has_no_value():
+    guard = NotEqual("X", "ada")
+    assert guard.substituted({"X": "bob"}) == NotEqual("bob", "ada")
+    assert guard.substituted({}) == guard

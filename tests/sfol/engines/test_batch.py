@@ -166,3 +166,22 @@ def test_errors_of_batches():
 def test_an_empty_batch():
     reward = RewardFunction("aeb")
     assert reward.evaluate(reward.batch([]), v=1.0, v_next=1.0).reward.shape == (0,)
+
+
+def test_a_conclusion_that_is_false_supports_nothing(kitchen):
+    kb = kitchen(
+        {
+            "Near(P, X).": "Near(P, X), warm(P).\n  warm: 'warm(X) :- Pot(X), Hot(X).'",
+            "Hot(X): X is hot.": "Hot(X): X is hot.\n  warm(X): X is warm.",
+        },
+        semantics="conjunction: lukasiewicz",
+    )
+    reward = RewardFunction(kb)
+    for upper, concluded in ((0.4, False), (0.9, True)):  # 0.5 + 0.4 − 1 is no more than 0
+        facts = Facts.parse("Near(p, cook).")
+        facts.add("Pot", "p", bound=(0.2, 0.5))
+        facts.add("Hot", "p", bound=(0.1, upper))
+        alone = reward.evaluate(facts, speed=1.0)
+        together = reward.evaluate(reward.batch([facts]), speed=1.0)
+        assert (alone.bounds["careful"] is not None) == concluded
+        assert together.bounds["careful"].known.tolist() == [concluded]
