@@ -22,9 +22,17 @@ from typer.cli import get_docs_for_click
 import sfol.arithmetic
 import sfol.clauses
 import sfol.errors
+import sfol.formula
+import sfol.literals.search
+import sfol.logs
 import sfol.operators
+import sfol.reading
+import sfol.strict_yaml
 import sfol.syntax
 import sfol.tools.lint
+import sfol.tools.subsumption
+import vsr.hypervectors.codebook
+import vsr.tensor_files
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -142,6 +150,29 @@ def lint_codes() -> str:
     return "\n".join(line for line in lines if line.startswith("|"))
 
 
+def limits() -> str:
+    """Return the table of what is too large."""
+    rows = [
+        ("bytes of a YAML file", f"{sfol.reading.MAXIMUM_BYTES:,}", ""),
+        ("values in it, and levels of nesting",
+         f"{sfol.strict_yaml.MAXIMUM_VALUES:,} and {sfol.strict_yaml.MAXIMUM_DEPTH}", ""),
+        ("digits of a number", f"{sfol.strict_yaml.MAXIMUM_DIGITS}", ""),
+        ("errors that are shown of a file", f"{sfol.errors.MAXIMUM_ERRORS}", ""),
+        ("characters of a clause or of facts", f"{sfol.syntax.MAXIMUM_TEXT:,}", ""),
+        ("literals of a body", f"{sfol.clauses.MAXIMUM_LITERALS}", ""),
+        ("characters and levels of a formula",
+         f"{sfol.formula.MAXIMUM_LENGTH:,} and {sfol.formula.MAXIMUM_DEPTH}", ""),
+        ("known atoms that the search of a rule looks at",
+         f"{sfol.literals.search.WORK_LIMIT:,}", "`RewardFunction(…, work_limit=…)`"),
+        ("steps of a log", f"{sfol.logs.MAXIMUM_ROWS:,}", "`read_log(…, maximum_rows=…)`"),
+        ("comparisons of two rules, and of all, by `sfol lint`",
+         f"{sfol.tools.subsumption.PAIR_STEPS:,} and {sfol.tools.subsumption.ALL_STEPS:,}", ""),
+        ("bytes of a card", f"{vsr.tensor_files.MOST_OF_CARD:,}", ""),
+        ("dimensions of a codebook", f"{vsr.hypervectors.codebook.MOST_DIMENSION:,}", ""),
+    ]  # fmt: skip
+    return table(("what", "limit", "setting"), rows)
+
+
 def errors() -> str:
     """Return a table of all errors, each with the one that it is a kind of."""
     rows = [
@@ -181,6 +212,7 @@ def _summary(name: str) -> str:
 KINDS: Mapping[str, Callable[..., str]] = {
     function.__name__: function
     for function in (
-        room, command, keys, grammar, operators, functions, lint_codes, errors, rooms, room_table,
+        room, command, keys, grammar, operators, functions, lint_codes, limits, errors,
+        rooms, room_table,
     )
 }  # fmt: skip

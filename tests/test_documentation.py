@@ -286,3 +286,10 @@ def test_the_reference_has_every_driver_metric_and_bundled_setup():
     setups = (DOCS / "reference/setup.md").read_text("utf-8")
     assert [n for n in (*DRIVERS, *(m.name for m in METRICS)) if f"`{n}`" not in metrics] == []
     assert [name for name in setup_names() if f"`{name}`" not in setups] == []
+
+
+def test_the_tests_that_the_page_on_trust_names_exist():
+    page = (ROOT / "docs" / "explanation" / "trust.md").read_text()
+    named = re.findall(r"`(tests/[\w/.]+)`", page)
+    assert len(named) > 30
+    assert [path for path in named if not (ROOT / path).exists()] == []

@@ -35,7 +35,7 @@ _PICTURES = ("gray", "classes", "instances")
 class _FrameCard(BaseModel):
     """What is said about a set of frames; whoever needs more than this asks for it."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", defer_build=True)
 
     renderer: str
 
