@@ -20,6 +20,7 @@ again.
 | SF011 | warning | a signal that no formula reads |
 | SF012 | warning | recorded episodes: endings that have no place in the order |
 | SF013 | warning | a comment that ignores something that is no code |
+| SF014 | warning | a test that expects nothing |
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.knowledge_base.positions import Keys, entries
 from sfol.literals import Negated, Positive
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, least
 from sfol.reading import text_of
 from sfol.syntax import Atom, variables
 from sfol.tools.replay import ReplayedEpisode
@@ -47,7 +48,7 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 14))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 15))
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
@@ -81,6 +82,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _unused,
         _without_rule,
         _without_use,
+        _expects_nothing,
         _subsumed,
         _not_monotone,
     )
@@ -174,8 +176,8 @@ def _contradictions(body: Body) -> list[Atom]:
 
 def _excludes(rule: Rule) -> bool:
     """Tell whether no bound meets both thresholds: l ≥ threshold, 1 − u ≥ negation threshold."""
-    most = 1.0 - rule.negation_threshold
-    return most <= 0.0 or rule.threshold > most
+    most = 1.0 - least(rule.negation_threshold)
+    return rule.negation_threshold >= 1.0 or least(rule.threshold) > most
 
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
@@ -218,6 +220,18 @@ def _without_use(kb: KnowledgeBase) -> Iterator[Finding]:
                 yield Finding(
                     code, "warning", f"{user} '{name}'", (section, name), "remove it, or use it"
                 )
+
+
+def _expects_nothing(kb: KnowledgeBase) -> Iterator[Finding]:
+    for index, case in enumerate(kb.tests):
+        if not case.expect.model_fields_set:
+            yield Finding(
+                "SF014",
+                "warning",
+                f"the test '{case.name}' expects nothing, so that it can hardly fail",
+                ("tests", index),
+                "name a bound, a confidence, a weight, a term or the reward that must come out",
+            )
 
 
 def _subsumed(kb: KnowledgeBase) -> Iterator[Finding]:

@@ -93,6 +93,24 @@ def test_sf011_signals_that_no_formula_reads(kitchen):
     assert "SF011" not in codes(kitchen())
 
 
+def test_sf014_tests_that_expect_nothing(kitchen):
+    haste = "haste: {weight: care, formula: -k * speed, parameters: {k: 2.0}}"
+    tests = "tests: [{name: a, signals: {speed: 1}, expect: {reward: 0}}, {name: b, expect: {}}]"
+    kb = kitchen({haste: f"{haste}\n{tests}"})
+    finding = only(kb, "SF014")
+    assert finding.path == ("tests", 1)
+    assert "'b'" in finding.message
+
+
+def test_thresholds_that_meet_on_paper_do_not_exclude_each_other(kitchen):
+    rule = (
+        "{rule: 'careful(X) :- Person(X), not Person(X).', threshold: %s, negation_threshold: 0.8}"
+    )
+    for threshold, code in ((0.2, "SF002"), (0.21, "SF001")):  # 1 − 0.8 is a little less than 0.2
+        kb = kitchen({RULE: rule % threshold})
+        assert code in codes(kb)
+
+
 @pytest.mark.parametrize("name", bundled_names())
 def test_nothing_is_odd_about_the_bundled_knowledge_bases(name):
     kb = KnowledgeBase.load(name)
