@@ -119,7 +119,7 @@ def test_what_is_no_card_is_refused(tmp_path, content, message):
     card.write_bytes(content)
     with pytest.raises(FileError, match=message):
         tensor_files.read_card(card, Note, "note")
-    with pytest.raises(FileError, match="is no note"):
+    with pytest.raises(FileError, match="the note can't be read: No such file"):
         tensor_files.read_card(tmp_path / "none.json", Note, "note")
 
 

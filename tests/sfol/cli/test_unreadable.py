@@ -62,7 +62,7 @@ def test_what_can_not_be_written(folder, monkeypatch, name):
 def test_a_picture_that_can_not_be_written(folder, kitchen):
     kb = kitchen()
     with LogWriter(folder / "x.parquet", kb) as log:
-        log.step(Facts(), time=0.0, speed=1.0)
+        log.step(Facts(), 0.0, speed=1.0)
     (folder / "picture.png").mkdir()
     done = sfol(
         "replay", folder / "x.parquet", folder / "kitchen.yaml", "--plot", folder / "picture.png"
