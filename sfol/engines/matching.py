@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sfol.clauses import Body
 from sfol.knowledge_base import EntityCondition, Rule
 from sfol.literals import Criterion, Reading, Search, Step
-from sfol.literals.search import Make, Row
+from sfol.literals.search import ExhaustedError, Make, Row
 from sfol.syntax import Atom
 
 
@@ -186,7 +186,9 @@ def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
         values, keys, bounds, rows_of = search.values, search.keys, search.bounds, search.scene.rows
         relations = [(i, rows_of(predicate), reading) for i, predicate, reading in met]
         shortest = min([rows for _, rows, _ in relations], key=len)
-        search.spend(len(shortest))
+        search.left -= len(shortest)
+        if search.left < 0:
+            raise ExhaustedError
         for key in shortest:
             for i, rows, reading in relations:
                 known = rows.get(key)
@@ -214,7 +216,9 @@ def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
         rows: Collection[Row] = scene.rows(predicate).items()
         for position, slot in fixed:
             rows = scene.rows_with(predicate, position, values[slot])
-        search.spend(len(rows))
+        search.left -= len(rows)
+        if search.left < 0:
+            raise ExhaustedError
         for key, known in rows:
             bound = reading(known)
             if bound is None or (same and key[0] != key[1]):

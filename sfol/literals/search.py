@@ -40,7 +40,8 @@ class Search:
         keys: the ground arguments of each literal that stands for an atom, where it is matched.
         bounds: the bound of each of them, where it is matched.
         visit: called for every substitution that satisfies the body.
-        left: how many more known atoms may be looked at.
+        left: how many more known atoms may be looked at; a step that looks through some takes
+            them off beforehand, and raises `ExhaustedError` if there are none left.
     """
 
     __slots__ = ("bounds", "keys", "left", "scene", "values", "visit")
@@ -59,16 +60,6 @@ class Search:
         self.bounds: list[Bound] = [TRUE] * atoms
         self.visit = visit
         self.left = limit
-
-    def spend(self, atoms: int) -> None:
-        """Count the known atoms that a step is about to look at.
-
-        Raises:
-            ExhaustedError: they are more than may be.
-        """
-        self.left -= atoms
-        if self.left < 0:
-            raise ExhaustedError
 
 
 class ExhaustedError(Exception):
