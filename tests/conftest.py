@@ -27,6 +27,8 @@ def pytest_xdist_make_scheduler(config, log):
             file = nodeid.partition("::")[0]
             return "PyReason" if "/differential/" in file else file
 
+    # In the order of their names PyReason's come first and the street's next: those that take long.
+    config.option.loadscopereorder = False
     return ByFile(config, log)
 
 
