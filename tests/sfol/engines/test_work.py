@@ -3,13 +3,12 @@
 Work is counted in calls of functions, Python's and C's, which is the same on every machine.
 """
 
-import sys
-
 import pytest
 
 from sfol import Facts, KnowledgeBase, RewardFunction
 from sfol.clauses import MAXIMUM_LITERALS
 from sfol.errors import InvalidKnowledgeBase, UsageError, WorkLimitError
+from tests.sfol.work import calls
 
 CROWD = """\
 version: 1
@@ -64,21 +63,6 @@ def pairs(people):
     return facts
 
 
-def work(function, *arguments):
-    calls = 0
-
-    def count(frame, event, argument):
-        nonlocal calls
-        calls += event in ("call", "c_call")
-
-    sys.setprofile(count)
-    try:
-        function(*arguments)
-    finally:
-        sys.setprofile(None)
-    return calls
-
-
 CALLS = {
     "evaluate": lambda reward, facts: reward(facts, v=1.0),
     "derived": lambda reward, facts: dict(reward.evaluate(facts, v=1.0).derived),
@@ -93,7 +77,7 @@ CALLS = {
 def test_work_grows_with_the_facts(tmp_path, call, rule, more):
     reward = crowd(tmp_path, rule, more=more)
     CALLS[call](reward, arms(2))  # what is made once
-    few, many = (work(CALLS[call], reward, arms(people)) for people in (40, 80))
+    few, many = (calls(lambda n=people: CALLS[call](reward, arms(n))) for people in (40, 80))
     assert many <= 2.5 * few
 
 
@@ -152,7 +136,7 @@ def test_what_a_long_body_lacks_is_found_without_trying_all_subsets(tmp_path, li
     text = str(reward.explain(facts, v=1.0))
     assert [f"Near(ego, v{i})" in text for i in range(1, literals, 2)] == [True] * (literals // 2)
     assert "Sees(ego" not in text.partition("lacks")[2]
-    assert work(CALLS["explain"], reward, facts) < 3_000_000
+    assert calls(lambda: CALLS["explain"](reward, facts)) < 3_000_000
 
 
 def test_longer_bodies_are_refused_where_they_stand(tmp_path):
