@@ -155,6 +155,10 @@ class Literal(ABC):
             slots: where in `Search.values` each term stands.
             criterion: when literals hold.
             then: the next step, to be called if it holds.
+
+        Raises:
+            NotImplementedError: it binds, so that no plan asks for its step; a new kind of literal
+                that does not bind has to say how it is tested.
         """
         raise NotImplementedError(f"'{self}' is not tested")
 

@@ -118,6 +118,7 @@ def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Know
             return bound is not None and _reaches(bound.lower, rule.negation_threshold)
         case NotEqual(left, right):
             return substitution.get(left, left) != substitution.get(right, right)
+    # A new kind of literal has no meaning here before it is written down, apart from the engines.
     raise NotImplementedError(f"what '{literal}' means is not defined")
 
 
