@@ -92,17 +92,24 @@ class TrainedDriver:
         check_exists(path)
         file = PolicyFile(path)
         self._observer, self._network = file.load()
-        self._last: deque[Any] = deque(maxlen=file.card().setup.frames)
+        interface = file.card().interface
+        self._last: deque[Any] = deque(maxlen=interface.frames)
+        self._decision_steps = interface.decision_steps
+        self.reset()
 
     def reset(self) -> None:
         """Forget what was observed."""
         self._last.clear()
+        self._pedal, self._held = 0.0, 0
 
     def __call__(self, street: StreetView) -> float:
-        """Return the policy's most likely action."""
+        """Return the policy's most likely action, or the last one while that is held."""
         from env.driving.policy_files import act  # noqa: PLC0415
 
-        return act(self._network, self.observe(street))
+        if self._held == 0:
+            self._pedal = act(self._network, self.observe(street))
+        self._held = (self._held + 1) % self._decision_steps
+        return self._pedal
 
     def observe(self, street: StreetView) -> npt.NDArray[np.float32]:
         """Return what the policy is given now, float32 (N,)."""

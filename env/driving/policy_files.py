@@ -6,13 +6,14 @@ symbols that these are made of, ``<name>.codebook.safetensors``.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 import torch
 from gymnasium import spaces
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, PositiveInt
 from safetensors.torch import save
 from torch import Tensor, nn
 
@@ -22,16 +23,59 @@ from env.world.camera import DashCameraParameters
 from sfol.errors import FileError
 from vsr import tensor_files
 from vsr.hypervectors.codebook import Codebook
+from vsr.hypervectors.methods import Method
 from vsr.tensor_files import Header, Sha256
 
+CLIP = 10.0  # deviations from the mean; what VecNormalize of stable-baselines3 has by default
 
-class PolicyCard(BaseModel):
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Interface(_Section):
+    """What a policy is given, how long its actions last, and how its network is made.
+
+    Attributes:
+        observation: see `env.driving.setup.Setup`, as for the next ones.
+        fusion: of SSI and SF.
+        speed: whether ego's speed is added.
+        frames: how many observations are given together.
+        decision_steps: control steps that an action is held.
+        layers: widths of the hidden layers.
+        standardised: whether observations are standardised by numbers in the file first.
+    """
+
+    observation: Literal["vsr", "state"]
+    fusion: Method = "add"
+    speed: bool = False
+    frames: PositiveInt = 1
+    decision_steps: PositiveInt = 1
+    layers: tuple[Annotated[int, Field(gt=0, le=4096)], ...] = Field(max_length=8)
+    standardised: bool = False
+
+    @classmethod
+    def of(cls, setup: Setup) -> Interface:
+        """Return that of the policy that a setup trains."""
+        return cls(
+            observation=setup.observation,
+            fusion=setup.fusion,
+            speed=setup.speed,
+            frames=setup.frames,
+            decision_steps=setup.decision_steps,
+            layers=setup.learning.layers,
+            standardised=setup.learning.norm_obs,
+        )
+
+
+class PolicyCard(_Section):
     """What there is to know of a trained policy.
 
     Attributes:
-        setup: what it was trained as: rules, observation, fusion, streets, hyperparameters.
+        interface: all that driving by it needs.
+        training: what it was trained as, as setups were written then.
         start_hash: of the file of the policy that its training started from; None if from nothing.
-        steps: of all streets together, that it was trained for.
+        steps: decisions of all streets together, that it was trained for.
         knowledge_base: the name of that which rewarded it.
         knowledge_base_hash: of its content.
         evaluation: how it drove on streets that training did not see.
@@ -40,9 +84,8 @@ class PolicyCard(BaseModel):
         codebook_sha256: of the file of symbols; None if it has none.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    setup: Setup
+    interface: Interface
+    training: dict[str, JsonValue]
     start_hash: str | None = None
     steps: int
     knowledge_base: str
@@ -65,18 +108,19 @@ class PolicyFile:
         self._card = path.with_suffix(".json")
         self._codebook = path.with_suffix(".codebook.safetensors")
 
-    def write(self, card: PolicyCard, model: Any, codebook: Codebook | None = None) -> None:
+    def write(self, card: PolicyCard, network: nn.Module, codebook: Codebook | None = None) -> None:
         """Write a policy: all of its files, or none.
 
         Args:
             card: what it is; the hashes of its files are added to it.
-            model: PPO of stable-baselines3, with an `env.learning.actor_critic.ActorCritic`.
+            network: from `policy_network`, as the card's interface says.
             codebook: the symbols that it was trained with; None where it observes no vector.
 
         Raises:
             UsageError: it can't be written.
         """
-        weights = save(_actor_state(model, card.setup.learning.observation_scale))
+        state = network.state_dict()
+        weights = save({name: tensor.cpu().contiguous() for name, tensor in state.items()})
         symbols = codebook.content() if codebook else None
         hashes = {
             "sha256": tensor_files.sha256(weights),
@@ -104,12 +148,12 @@ class PolicyFile:
         Raises:
             FileError: as `network` and `codebook` do.
         """
-        setup = self.card().setup
-        codebook = self.codebook() if setup.observation == "vsr" else None
+        given = self.card().interface
+        codebook = self.codebook() if given.observation == "vsr" else None
         side = DashCameraParameters().size
-        observer = observer_of(setup.observation, side, setup.fusion, codebook, speed=setup.speed)
+        observer = observer_of(given.observation, side, given.fusion, codebook, speed=given.speed)
         (numbers,) = cast(spaces.Box, observer.space).shape
-        return observer, self.network(setup.frames * numbers)
+        return observer, self.network(given.frames * numbers)
 
     def network(self, inputs: int | None = None) -> nn.Module:
         """Return the network: observations, float32 (B, N), to pedals, float32 (B, 1).
@@ -123,9 +167,9 @@ class PolicyFile:
         """
         card, header = self.card(), tensor_files.read_header(self.path)
         tensor_files.check_belongs(self.path, card.sha256, self._card)
-        widths = [inputs or _inputs(header), *card.setup.learning.layers, 1]
+        inputs = inputs or _inputs(header)
         with torch.device("meta"):  # which has no memory: the card may say anything
-            expected = tensor_files.kinds_of(_perceptron(widths).state_dict())
+            expected = tensor_files.kinds_of(policy_network(inputs, card.interface).state_dict())
         difference = tensor_files.misfit(header, expected)
         if difference:
             raise FileError(
@@ -133,7 +177,7 @@ class PolicyFile:
                 name=str(self.path),
                 suggestion="its card says layers, frames and observation",
             )
-        network = _perceptron(widths)
+        network = policy_network(inputs, card.interface)
         network.load_state_dict(tensor_files.load_finite(self.path))
         return network.eval().requires_grad_(False)
 
@@ -156,67 +200,42 @@ def _inputs(header: Header) -> int:
     return 1
 
 
-def actor_of(model: Any) -> nn.Sequential:
-    """Return what chooses the most likely actions; its names are those of `_perceptron`."""
-    return nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
-
-
-def load_actor(model: Any, file: PolicyFile, setup: Setup) -> None:
-    """Let a model choose the actions that a written policy does.
-
-    What the model is given and the policy is not, ego's speed or earlier frames, has no weight in
-    the beginning.
+class Standardised(nn.Module):
+    """z = (x - mean) / deviation, at most `CLIP` from 0: observations as a policy learnt from them.
 
     Args:
-        model: PPO of stable-baselines3, with an `env.learning.actor_critic.ActorCritic` whose
-            layers are as wide as the policy's, not whitened.
-        file: of the policy.
-        setup: of the model; its observation has all that the policy is given.
-
-    Raises:
-        UsageError: the file can't be read, or holds something else.
+        size: N, how many numbers an observation has.
     """
-    state, actor = file.network().state_dict(), actor_of(model)
-    inputs = cast(nn.Linear, actor[0]).in_features
-    weight = _widened(state["0.weight"], file.card().setup.frames, inputs, setup.frames)
-    actor.load_state_dict({**state, "0.weight": weight / setup.learning.observation_scale})
+
+    mean: Tensor
+    deviation: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("deviation", torch.ones(size))
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return z of observations, float (B, N)."""
+        return ((observations - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
-def _widened(weight: Tensor, frames: int, inputs: int, new_frames: int) -> Tensor:
-    """Return a layer's weights for more frames, and for more numbers at the end of each.
+def policy_network(inputs: int, interface: Interface) -> nn.Sequential:
+    """Return an untrained network: linear layers with tanh between them, as ``MlpPolicy`` has them.
 
     Args:
-        weight: float (H, N), for that many frames, the last one last.
-        frames: divides N.
-        inputs: of the layer that is returned, float (H, inputs).
-        new_frames: divides them.
+        inputs: N, how many numbers it is given.
+        interface: says layers, and whether it standardises what it is given.
     """
-    old = weight.unflatten(1, (frames, -1))
-    new = weight.new_zeros(len(weight), new_frames, inputs // new_frames)
-    new[:, new_frames - frames :, : old.shape[2]] = old
-    return new.flatten(1)
-
-
-def _actor_state(model: Any, scale: float) -> dict[str, Tensor]:
-    """Return the weights of `actor_of` a model.
-
-    The model was trained on observations that were scaled and whitened; these weights take them as
-    they are.
-    """
-    actor, whitening = actor_of(model), model.policy.mlp_extractor.whitening
-    state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
-    if whitening is not None:
-        state["0.weight"], state["0.bias"] = whitening.folded(state["0.weight"], state["0.bias"])
-    state["0.weight"] *= scale
-    return state
-
-
-def _perceptron(widths: list[int]) -> nn.Sequential:
-    """Return linear layers with tanh between them, as the ``MlpPolicy`` has them."""
+    widths = [inputs, *interface.layers, 1]
     layers: list[nn.Module] = []
-    for inputs, outputs in pairwise(widths):
-        layers += [nn.Linear(inputs, outputs), nn.Tanh()]
-    return nn.Sequential(*layers[:-1])
+    for width, outputs in pairwise(widths):
+        layers += [nn.Linear(width, outputs), nn.Tanh()]
+    parts = OrderedDict((str(number), layer) for number, layer in enumerate(layers[:-1]))
+    if interface.standardised:
+        parts["standardised"] = Standardised(inputs)
+        parts.move_to_end("standardised", last=False)
+    return nn.Sequential(parts)
 
 
 def act(network: nn.Module, observation: Any) -> float:

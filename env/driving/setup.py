@@ -20,7 +20,6 @@ _FOLDER = data_folder(Path(__file__).resolve().parents[1], "setups")
 
 # γ of a return. With 0.99, 10 s count, and a quick collision was worth more than standing still.
 DISCOUNT = 0.997
-MEASURED_AT_LEAST = 128  # observations, to whiten them
 
 Positive = Annotated[int, Field(gt=0)]
 
@@ -32,7 +31,7 @@ class _Section(BaseModel):
 class Stage(_Section):
     """A part of the training, with the cells that its episodes are drawn from."""
 
-    steps: Positive = Field(description="steps of all streets together")
+    steps: Positive = Field(description="decisions of all streets together")
     traffic: tuple[Traffic, ...] = Field(
         min_length=1,
         description="levels to draw from; one that is named twice comes twice as often",
@@ -48,68 +47,50 @@ class Stage(_Section):
 
 
 class Learning(_Section):
-    """Hyperparameters of PPO, by the names of stable-baselines3 where it has them.
+    """Hyperparameters of PPO, by the names of stable-baselines3 where it has them."""
 
-    With fewer steps between updates, what a policy has learnt of collisions is lost again and
-    again. With noise that is new at every step, throttle and brake cancel out, and the brake is the
-    stronger: ego stands.
-    """
-
-    learning_rate: float = Field(2e-4, gt=0, description="at the beginning")
+    learning_rate: float = Field(3e-4, gt=0, description="at the beginning")
     last_learning_rate: float = Field(
-        2e-5, gt=0, description="at the end; from the first to the last it falls evenly"
+        3e-4, gt=0, description="at the end; from the first to the last it falls evenly"
     )
-    rollout_steps: Positive = Field(4096, description="of all streets, for one update")
-    batch_size: Positive = Field(256, description="steps for one gradient")
-    n_epochs: Positive = Field(4, description="passes over the steps of an update")
-    gamma: float = Field(DISCOUNT, gt=0, le=1, description="γ, the discount of a step")
+    rollout_steps: Positive = Field(2048, description="decisions of all streets, for one update")
+    batch_size: Positive = Field(64, description="decisions for one gradient")
+    n_epochs: Positive = Field(10, description="passes over the decisions of an update")
+    gamma: float = Field(
+        DISCOUNT,
+        gt=0,
+        le=1,
+        description="γ, the discount of a control step; a decision of k steps has γ^k",
+    )
     gae_lambda: float = Field(0.95, ge=0, le=1, description="λ of generalised advantage estimation")
     clip_range: float = Field(
         0.2, gt=0, description="how far the ratio of new to old probabilities may be from 1"
     )
     ent_coef: float = Field(0.0, ge=0, description="factor on the policy's entropy in the loss")
-    use_sde: bool = Field(
+    norm_obs: bool = Field(
         default=True,
-        description="whether noise depends on the state and lasts for steps",
+        description="whether observations are given a mean of 0 and a deviation of 1, by those "
+        "seen so far; the policy keeps what was measured",
     )
-    sde_sample_freq: int = Field(
-        8, ge=-1, description="how many steps noise lasts for; -1: until the next update"
+    norm_reward: bool = Field(
+        default=True,
+        description="whether rewards are divided by the deviation of the returns seen so far",
     )
-    reward_scale: float = Field(
-        0.02, gt=0, description="factor on rewards, so that returns are of the order of 1"
-    )
-    observation_scale: float = Field(
-        1.0, gt=0, description="factor on observations, so that the first layer is not saturated"
-    )
-    whitening_steps: int = Field(
-        0,
-        ge=0,
-        description="driven before the first update to measure how observations vary, so that "
-        "learning sees all that varies alike; 0: observations are taken as they are",
-    )
+    log_std_init: float = Field(-0.5, description="logarithm of the actions' first deviation")
     value_steps: Positive = Field(
         8192,
-        description="where a training starts from a policy: driven before the first update, in "
-        "whole rollouts, to learn what the policy is worth",
-    )
-    mean_init: float = Field(
-        0.2, ge=-1, le=1, description="the actions' first mean; at 0 the brake wins, and ego stands"
-    )
-    log_std_init: float = Field(-1.0, description="logarithm of the actions' first deviation")
-    last_log_std: float | None = Field(
-        None,
-        description="the greatest that it may be at the end; the limit falls evenly from the first "
-        "to this, so that a policy learns to drive without noise, as it will; null: no limit",
+        description="where a training starts from a policy: decisions driven before the first "
+        "update, in whole rollouts, to learn what the policy is worth",
     )
     layers: tuple[Annotated[int, Field(gt=0, le=4096)], ...] = Field(
-        (64, 64), max_length=8, description="of policy and value networks"
+        (128, 128), max_length=8, description="of policy and value networks"
     )
 
 
 class Setup(_Section):
     """A training: its street, its reward, its observation and its hyperparameters."""
 
-    version: Literal[1] = Field(description="version of this format")
+    version: Literal[2] = Field(description="version of this format")
     name: str = Field(
         pattern=r"^[a-z0-9_]+$",
         max_length=64,
@@ -133,12 +114,11 @@ class Setup(_Section):
         le=64,
         description="how many observations, the last ones, a policy is given together",
     )
-    critic: Literal["state", "observation"] = Field(
-        "observation",
-        # So setups from before there was a choice have the hashes that their results name.
-        exclude_if=lambda critic: critic == "observation",
-        description="what the value function, which training alone needs, is given: the world's "
-        "state, or what the policy is given",
+    decision_steps: Positive = Field(
+        4,
+        le=100,
+        description="control steps, of 0.1 s, that an action is held; the reward is computed at "
+        "each, and summed",
     )
     stages: tuple[Stage, ...] = Field(
         min_length=1, description="parts of the training, one after the other"
@@ -150,10 +130,10 @@ class Setup(_Section):
     start: str | None = Field(
         None,
         description="the policy that training starts from, a .safetensors file or trained; it may "
-        "be given less than the setup says, and nothing is whitened then; null: from nothing",
+        "be given less than the setup says; null: from nothing",
     )
-    checkpoint_steps: Positive = Field(10_000, description="steps between two checkpoints")
-    evaluation_steps: Positive = Field(20_000, description="steps between two evaluations")
+    checkpoint_steps: Positive = Field(10_000, description="decisions between two checkpoints")
+    evaluation_steps: Positive = Field(20_000, description="decisions between two evaluations")
     evaluation_episodes: Positive = Field(
         20, description="episodes of an evaluation, over all cells"
     )
@@ -163,15 +143,6 @@ class Setup(_Section):
     def _state_has_speed(self) -> Self:
         if self.speed and self.observation == "state":
             raise ValueError("the observation state has ego's speed anyway: leave speed out")
-        return self
-
-    @model_validator(mode="after")
-    def _whitening_is_measured(self) -> Self:
-        if 0 < self.learning.whitening_steps < MEASURED_AT_LEAST:
-            raise ValueError(
-                f"{self.learning.whitening_steps} steps tell too little of how observations vary: "
-                f"choose {MEASURED_AT_LEAST} or more, or 0"
-            )
         return self
 
     @model_validator(mode="after")
@@ -189,17 +160,17 @@ class Setup(_Section):
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
 
     @property
-    def privileged(self) -> bool:
-        """Whether the value function is given what the policy is not."""
-        return self.critic == "state" and self.observation != "state"
-
-    @property
     def steps(self) -> int:
-        """Steps of the whole training."""
+        """Decisions of the whole training."""
         return sum(stage.steps for stage in self.stages)
 
+    @property
+    def discount(self) -> float:
+        """γ of a decision."""
+        return float(self.learning.gamma**self.decision_steps)
+
     def stage_at(self, step: int) -> Stage:
-        """Return the stage that a step belongs to; after the end, the last one."""
+        """Return the stage that a decision belongs to; after the end, the last one."""
         end = 0
         for stage in self.stages:
             end += stage.steps

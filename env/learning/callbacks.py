@@ -1,15 +1,13 @@
-"""What happens while PPO learns: curriculum, falling noise, what is written down and told."""
+"""What happens while PPO learns: curriculum, what is written down and told."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from torch import nn
 
 from env.driving.setup import Setup
 
@@ -27,9 +25,7 @@ class BetweenUpdates(BaseCallback):
         last: how many steps were done the last time, be it before the training was stopped.
     """
 
-    def __init__(
-        self, interval: int, action: Callable[[BaseAlgorithm], None], *, last: int
-    ) -> None:
+    def __init__(self, interval: int, action: Callable[[Any], None], *, last: int) -> None:
         super().__init__()
         self._interval = interval
         self._action = action
@@ -57,29 +53,6 @@ class Curriculum(BaseCallback):
         if cells != self._cells:
             self._cells = cells
             self.training_env.env_method("use", cells)
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class LessNoise(BaseCallback):
-    """Lets the actions' greatest deviation fall in the course of a training, if the setup says so.
-
-    Policies that have learnt with much noise to the end collide more often without it.
-    """
-
-    def __init__(self, setup: Setup) -> None:
-        super().__init__()
-        self._steps = setup.steps
-        self._first = setup.learning.log_std_init
-        self._last = setup.learning.last_log_std
-
-    def _on_rollout_start(self) -> None:
-        if self._last is None:
-            return
-        done = self.num_timesteps / self._steps
-        log_std = cast(nn.Parameter, self.model.policy.log_std)
-        log_std.data.clamp_(max=self._first + done * (self._last - self._first))
 
     def _on_step(self) -> bool:
         return True

@@ -1,7 +1,7 @@
 """Checkpoints: all that is needed to go on with a training, in files that run no code when read.
 
-A checkpoint is ``checkpoint-<steps>.safetensors``: the tensors of the model and of its optimiser,
-and what else PPO remembers as JSON in the file's header.
+A checkpoint is ``checkpoint-<steps>.safetensors``: the tensors of the model, of its optimiser and
+of what normalises its observations and rewards, and what else PPO remembers as JSON in the header.
 """
 
 from __future__ import annotations
@@ -10,14 +10,16 @@ import logging
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, NonNegativeInt, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import Tensor
 
 from env.driving.setup import Setup
@@ -32,7 +34,9 @@ log = logging.getLogger(__name__)
 _KEPT = 3
 _HEADER = "training"
 _POLICY, _OPTIMISER = "policy.", "optimiser."
+_SEEN = "seen."
 _MOMENTS = ("step", "exp_avg", "exp_avg_sq")  # what Adam remembers of a parameter
+_STATISTICS = ("mean", "var", "count")  # what VecNormalize does of what it has seen
 
 
 class _EpisodeInfo(BaseModel):
@@ -179,6 +183,11 @@ def _tensors(model: Any) -> dict[str, Tensor]:
         for number, moments in optimiser.items()
         for name, tensor in moments.items()
     }
+    for name, seen in _statistics(model.get_vec_normalize_env()).items():
+        for moment in _STATISTICS:
+            tensors[f"{_SEEN}{name}.{moment}"] = torch.as_tensor(
+                getattr(seen, moment), dtype=torch.float64
+            )
     return {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
 
 
@@ -186,10 +195,11 @@ def _model(
     path: Path, setup: Setup, streets: VecEnv, header: _Header, tensors: Mapping[str, Tensor]
 ) -> PPO:
     model = untrained_model(setup, streets)
-    policy = {name: x for name, x in tensors.items() if name.startswith(_POLICY)}
     try:
-        model.policy.load_state_dict({name.removeprefix(_POLICY): x for name, x in policy.items()})
-        _load_moments(model, {name: x for name, x in tensors.items() if name not in policy})
+        _check_names(tensors)
+        model.policy.load_state_dict(_part(tensors, _POLICY))
+        _load_moments(model, _part(tensors, _OPTIMISER))
+        _load_statistics(model, _part(tensors, _SEEN))
     except (KeyError, ValueError, RuntimeError) as error:  # other tensors than the setup's
         raise _damaged(path, error) from None
     if not is_finite(model):
@@ -198,9 +208,20 @@ def _model(
     window = model._stats_window_size
     model.ep_info_buffer = deque((info.model_dump() for info in header.episodes), window)
     model.ep_success_buffer = deque(header.successes, window)
-    if model.use_sde:
-        model.policy.reset_noise()
     return model
+
+
+def _check_names(tensors: Mapping[str, Tensor]) -> None:
+    if not all(name.startswith((_POLICY, _OPTIMISER, _SEEN)) for name in tensors):
+        raise ValueError("there are tensors that are none of a training's")
+
+
+def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {
+        name.removeprefix(prefix): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(prefix)
+    }
 
 
 def _load_moments(model: PPO, tensors: Mapping[str, Tensor]) -> None:
@@ -212,7 +233,7 @@ def _load_moments(model: PPO, tensors: Mapping[str, Tensor]) -> None:
     """
     state: dict[int, dict[str, Tensor]] = {}
     for number, parameter in enumerate(model.policy.parameters()):
-        state[number] = {name: tensors[f"{_OPTIMISER}{number}.{name}"] for name in _MOMENTS}
+        state[number] = {name: tensors[f"{number}.{name}"] for name in _MOMENTS}
         shapes = {name: moment.shape for name, moment in state[number].items()}
         if shapes != dict.fromkeys(_MOMENTS, parameter.shape) | {"step": torch.Size()}:
             raise ValueError(f"the optimiser's part {number} does not fit the setup's networks")
@@ -220,6 +241,33 @@ def _load_moments(model: PPO, tensors: Mapping[str, Tensor]) -> None:
         raise ValueError("there are tensors that are none of a training's")
     optimiser = model.policy.optimizer
     optimiser.load_state_dict({**optimiser.state_dict(), "state": state})
+
+
+def _statistics(streets: VecNormalize) -> dict[str, RunningMeanStd]:
+    """Return what normalised streets have seen, by names of ours."""
+    seen = {"returns": streets.ret_rms}
+    if streets.norm_obs:
+        seen["observations"] = cast(RunningMeanStd, streets.obs_rms)
+    return seen
+
+
+def _load_statistics(model: PPO, tensors: Mapping[str, Tensor]) -> None:
+    """Give a model's streets what they have seen.
+
+    Raises:
+        KeyError: something is missing.
+        ValueError: there is too much, or a tensor has another shape or is not finite.
+    """
+    statistics = _statistics(cast(VecNormalize, model.get_vec_normalize_env()))
+    if len(tensors) != len(statistics) * len(_STATISTICS):
+        raise ValueError("there are tensors that are none of a training's")
+    for name, seen in statistics.items():
+        mean, var, count = (tensors[f"{name}.{moment}"] for moment in _STATISTICS)
+        if mean.shape != var.shape or mean.shape != np.shape(seen.mean) or count.ndim:
+            raise ValueError(f"what was seen of {name} does not fit the setup's streets")
+        if not all(bool(tensor.isfinite().all()) for tensor in (mean, var, count)):
+            raise ValueError(f"not all that was seen of {name} is finite")
+        seen.mean, seen.var, seen.count = mean.numpy(), var.numpy(), float(count)
 
 
 def _damaged(path: Path, error: Exception) -> FileError:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, cast
+from functools import partial
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium import spaces
 from stable_baselines3 import PPO
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import LinearSchedule, obs_as_tensor
-from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from torch import Tensor, nn
 
 from env.driving.policies import SUFFIX, TRAINED, check_exists, policy_file
-from env.driving.policy_files import PolicyFile, actor_of, load_actor
+from env.driving.policy_files import CLIP, Interface, PolicyFile, policy_network
 from env.driving.setup import Setup
-from env.learning.actor_critic import ActorCritic, Networks
 from env.learning.callbacks import Progress
-from env.street.observation import STATE_FIELDS
 from sfol.errors import SfolError, UsageError
 from vsr.hypervectors.codebook import Codebook
 
@@ -32,16 +33,17 @@ DEVICE = "cpu"
 _OWN = {
     "learning_rate",
     "last_learning_rate",
-    "last_log_std",
+    "gamma",
     "layers",
-    "mean_init",
     "log_std_init",
-    "reward_scale",
-    "observation_scale",
+    "norm_obs",
+    "norm_reward",
     "rollout_steps",
     "value_steps",
-    "whitening_steps",
 }
+# Observations that a policy's statistics count for when another starts from it: no later ones change
+# them, since its weights are right for these.
+_FOR_EVER = 1e18
 # How a value function is learnt alone: nothing that is learnt beside it can go wrong meanwhile.
 _VALUE_LEARNING = {"learning_rate": 1e-3, "last_learning_rate": 1e-3, "n_epochs": 10}
 
@@ -80,12 +82,11 @@ def codebook_of(setup: Setup) -> Codebook | None:
 
 def _check_fit(file: PolicyFile, setup: Setup) -> None:
     """Refuse a policy whose numbers would mean something else; there may be more of them now."""
-    former = file.card().setup
-    for key in ("observation", "fusion"):
-        _check_same(file, key, getattr(former, key), getattr(setup, key))
+    former, new = file.card().interface, Interface.of(setup)
+    for key in ("observation", "fusion", "decision_steps", "layers", "standardised"):
+        _check_same(file, key, getattr(former, key), getattr(new, key))
     for key in ("speed", "frames"):
-        _check_same(file, key, getattr(former, key), min(getattr(former, key), getattr(setup, key)))
-    _check_same(file, "layers", list(former.learning.layers), list(setup.learning.layers))
+        _check_same(file, key, getattr(former, key), min(getattr(former, key), getattr(new, key)))
     file.load()  # refused now, and not after the streets are built
 
 
@@ -98,12 +99,27 @@ def _check_same(file: PolicyFile, key: str, former: object, new: object) -> None
         )
 
 
-def new_model(setup: Setup, streets: VecEnv, progress: Progress = lambda steps, stage: None) -> PPO:
+def normalised(setup: Setup, streets: VecEnv) -> VecNormalize:
+    """Return streets with observations and rewards normalised as a setup says, while they learn."""
+    learning = setup.learning
+    return VecNormalize(
+        streets,
+        norm_obs=learning.norm_obs,
+        norm_reward=learning.norm_reward,
+        clip_obs=CLIP,
+        gamma=setup.discount,
+    )
+
+
+def new_model(
+    setup: Setup, streets: VecNormalize, progress: Progress = lambda steps, stage: None
+) -> PPO:
     """Return a model for a setup's training; it gives the streets its seed.
 
     Args:
         setup: gives hyperparameters and what the policy starts from.
-        streets: that it will learn on; some steps are driven there, if the setup asks for them.
+        streets: that it will learn on; some steps are driven there, if the policy starts from
+            another.
         progress: called with 0 and what is being done, while they are driven.
 
     Raises:
@@ -111,10 +127,8 @@ def new_model(setup: Setup, streets: VecEnv, progress: Progress = lambda steps, 
     """
     model, start = untrained_model(setup, streets), start_of(setup)
     if start is not None:
-        load_actor(model, start, setup)
+        load_policy(model, streets, start, setup.frames)
         _learn_value(model, setup, streets, progress)
-    elif setup.learning.whitening_steps:
-        _whiten(model, setup, streets, progress)
     return model
 
 
@@ -153,7 +167,7 @@ def divergence_told() -> Iterator[None]:
 def _diverged() -> SfolError:
     return SfolError(
         "the training has diverged: not all numbers of its networks are finite",
-        suggestion="a smaller learning_rate or reward_scale, and another --output; checkpoints "
+        suggestion="a smaller learning_rate, and another --output; checkpoints "
         "from before and the best policy are kept",
     )
 
@@ -167,30 +181,25 @@ def untrained_model(setup: Setup, streets: VecEnv) -> PPO:
     """Return a model with a setup's hyperparameters that has seen nothing."""
     learning = setup.learning
     layers = list(learning.layers)
-    model = FinitePPO(
-        ActorCritic,
+    return FinitePPO(
+        "MlpPolicy",
         streets,
         seed=setup.seed,
         device=DEVICE,
         policy_kwargs={
             "net_arch": {"pi": layers, "vf": layers},
             "log_std_init": learning.log_std_init,
-            "frames": setup.frames,
-            "state_size": len(STATE_FIELDS) if setup.privileged else 0,
-            # What a policy to start from has been whitened by is part of its first layer.
-            "whitened": bool(learning.whitening_steps) and setup.start is None,
         },
         learning_rate=LinearSchedule(
             learning.learning_rate, learning.last_learning_rate, end_fraction=1.0
         ),
+        gamma=setup.discount,
         n_steps=learning.rollout_steps // setup.streets,
         **learning.model_dump(exclude=_OWN),
     )
-    torch.nn.init.constant_(cast(nn.Linear, model.policy.action_net).bias, learning.mean_init)
-    return model
 
 
-def _learn_value(model: PPO, setup: Setup, streets: VecEnv, progress: Progress) -> None:
+def _learn_value(model: PPO, setup: Setup, streets: VecNormalize, progress: Progress) -> None:
     """Let the policy drive as it is, until the value function, which it has none of, fits it.
 
     With a random one, the first updates would spoil what the policy can do already.
@@ -210,17 +219,71 @@ def _learn_value(model: PPO, setup: Setup, streets: VecEnv, progress: Progress) 
     model.policy.load_state_dict(learner.policy.state_dict())
 
 
-def _whiten(model: PPO, setup: Setup, streets: VecEnv, progress: Progress) -> None:
-    """Let an untrained policy drive, and whiten observations by what it sees."""
-    steps, noise_steps = setup.learning.whitening_steps, setup.learning.sde_sample_freq
-    observations: Any = streets.reset()
-    seen: list[Array] = []
-    while len(seen) * streets.num_envs < steps:
-        if model.use_sde and noise_steps > 0 and len(seen) % noise_steps == 0:
-            model.policy.reset_noise(streets.num_envs)
-        progress(0, f"looking around, {len(seen) * streets.num_envs} of {steps} steps")
-        seen.append(observations)
-        observations, *_ = streets.step(model.predict(observations)[0])
-    networks = cast(Networks, model.policy.mlp_extractor)
-    assert networks.whitening is not None
-    networks.whitening.measure(networks.of_actor(torch.from_numpy(np.concatenate(seen))))
+# -- policies as networks of their own -------------------------------------------------------------
+
+
+def policy_of(model: PPO, interface: Interface) -> nn.Sequential:
+    """Return the network that chooses a model's most likely actions, from observations as they are.
+
+    Args:
+        model: with the normalised streets that it learns on.
+        interface: of the policy.
+    """
+    actor = actor_of(model)
+    network = policy_network(cast(nn.Linear, actor[0]).in_features, interface)
+    state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
+    if interface.standardised:
+        streets = cast(VecNormalize, model.get_vec_normalize_env())
+        seen = cast(RunningMeanStd, streets.obs_rms)
+        deviation = np.sqrt(seen.var + streets.epsilon)
+        state["standardised.mean"] = torch.from_numpy(seen.mean.astype(np.float32))
+        state["standardised.deviation"] = torch.from_numpy(deviation.astype(np.float32))
+    network.load_state_dict(state)
+    return network
+
+
+def actor_of(model: PPO) -> nn.Sequential:
+    """Return what chooses the most likely actions, from normalised observations."""
+    return nn.Sequential(*model.policy.mlp_extractor.policy_net, model.policy.action_net)
+
+
+def load_policy(model: PPO, streets: VecNormalize, file: PolicyFile, frames: int) -> None:
+    """Let a model choose the actions that a written policy does, by what that had seen.
+
+    What the model is given and the policy is not, ego's speed or earlier frames, has no weight in
+    the beginning.
+
+    Args:
+        model: whose layers are as wide as the policy's.
+        streets: that it learns on, whose observations have all that the policy is given.
+        file: of the policy.
+        frames: how many the model is given.
+
+    Raises:
+        UsageError: the file can't be read, or holds something else.
+    """
+    card, state, actor = file.card(), file.network().state_dict(), actor_of(model)
+    (inputs,) = cast(spaces.Box, streets.observation_space).shape
+    wider = partial(_widened, frames=card.interface.frames, inputs=inputs, new_frames=frames)
+    if card.interface.standardised:
+        seen = cast(RunningMeanStd, streets.obs_rms)
+        seen.mean = wider(state.pop("standardised.mean")[None])[0].double().numpy()
+        deviation = wider(state.pop("standardised.deviation")[None], fill=1.0)[0].double().numpy()
+        seen.var, seen.count = deviation**2 - streets.epsilon, _FOR_EVER
+    actor.load_state_dict({**state, "0.weight": wider(state["0.weight"])})
+
+
+def _widened(rows: Tensor, frames: int, inputs: int, new_frames: int, fill: float = 0.0) -> Tensor:
+    """Return rows with a number for each of more frames, and of more numbers at their ends.
+
+    Args:
+        rows: float (H, N), for that many frames, the last one last.
+        frames: divides N.
+        inputs: of what is returned, float (H, inputs).
+        new_frames: divides them.
+        fill: what stands where there was nothing.
+    """
+    old = rows.unflatten(1, (frames, -1))
+    new = rows.new_full((len(rows), new_frames, inputs // new_frames), fill)
+    new[:, new_frames - frames :, : old.shape[2]] = old
+    return new.flatten(1)

@@ -7,21 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from pydantic import ValidationError
 from stable_baselines3 import PPO
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import sfol
 from env.driving.policies import check_exists, file_hash
-from env.driving.policy_files import PolicyCard, PolicyFile
+from env.driving.policy_files import Interface, PolicyCard, PolicyFile
 from env.driving.setup import Setup
 from env.evaluation.parallel import cores
 from env.evaluation.results import versions
@@ -29,14 +28,20 @@ from env.learning.callbacks import (
     BetweenUpdates,
     Curriculum,
     Episodes,
-    LessNoise,
     Progress,
     ProgressReport,
     RewardParts,
 )
 from env.learning.checkpoints import Checkpoints, other_rules
 from env.learning.journal import Clock, History, Row
-from env.learning.new_model import codebook_of, divergence_told, new_model, start_of
+from env.learning.new_model import (
+    codebook_of,
+    divergence_told,
+    new_model,
+    normalised,
+    policy_of,
+    start_of,
+)
 from env.learning.vector_streets import make_streets
 from env.street.seeds import EVALUATION
 from env.world.cells import Cell
@@ -101,7 +106,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
 
 def _train(setup: Setup, record: _Record, checkpoints: Checkpoints, progress: Progress) -> Trained:
     set_random_seed(setup.seed)
-    streets = make_streets(setup, setup.stages[0].cells, _TRAINING_DRAWS)
+    streets = normalised(setup, make_streets(setup, setup.stages[0].cells, _TRAINING_DRAWS))
     try:
         model = checkpoints.last_model(setup, streets)
         done = model.num_timesteps if model else 0
@@ -125,7 +130,7 @@ def _learn(
 ) -> None:
     """Let a model learn to its last step, evaluations and checkpoints included."""
 
-    def evaluate(model: BaseAlgorithm) -> None:
+    def evaluate(model: PPO) -> None:
         checkpoints.write(model)  # a training that goes on does not forget what was found
         record.evaluate(model)
 
@@ -135,7 +140,6 @@ def _learn(
     done, evaluated = model.num_timesteps, max(record.last_evaluation, 0)
     callbacks: list[BaseCallback] = [
         Curriculum(setup),
-        LessNoise(setup),
         RewardParts(),
         Episodes(record.episode),
         BetweenUpdates(setup.checkpoint_steps, checkpoints.write, last=done),
@@ -238,12 +242,13 @@ class _Record:
         cell = {name: info[name] for name in Cell._fields}
         self._episodes.append({**row, **cell, **result, **endings})
 
-    def evaluate(self, model: BaseAlgorithm) -> None:
+    def evaluate(self, model: PPO) -> None:
         """Evaluate a policy, and keep it if none before was better."""
         result = evaluate_policy(model, self._setup)
         best = max(map(_goodness, self._evaluations.rows()), default=(-math.inf, -math.inf))
         if _goodness(result) >= best:
-            self._policy.write(self._card(model.num_timesteps, result), model, self._codebook)
+            card = self._card(model.num_timesteps, result)
+            self._policy.write(card, policy_of(model, card.interface), self._codebook)
         # The row comes last: whoever finds it finds the policy, too.
         steps = {"steps": model.num_timesteps, "seconds": self._clock.seconds}
         self._evaluations.append({**steps, **result})
@@ -258,7 +263,8 @@ class _Record:
 
     def _card(self, steps: int, evaluation: dict[str, float]) -> PolicyCard:
         return PolicyCard(
-            setup=self._setup,
+            interface=Interface.of(self._setup),
+            training=self._setup.model_dump(mode="json"),
             start_hash=self._start_hash,
             steps=steps,
             knowledge_base=self._rules.name,
@@ -290,7 +296,7 @@ def _goodness(evaluation: Row) -> tuple[float, float]:
     return evaluation["success"], evaluation["return"]
 
 
-def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
+def evaluate_policy(model: PPO, setup: Setup) -> dict[str, float]:
     """Return how a policy does on streets that training never sees, over all of a setup's cells.
 
     Args:
@@ -328,16 +334,17 @@ def evaluate_policy(model: BaseAlgorithm, setup: Setup) -> dict[str, float]:
     }
 
 
-def _endings(model: BaseAlgorithm, streets: VecEnv, episodes: int) -> Iterator[dict[str, Any]]:
+def _endings(model: PPO, streets: VecEnv, episodes: int) -> Iterator[dict[str, Any]]:
     """Yield the last info of each of the first episodes.
 
     How many each street drives is settled beforehand. Were it the first to end that count, those
     that end soon, in a collision, would be among them too often.
     """
     left = [len(range(street, episodes, streets.num_envs)) for street in range(streets.num_envs)]
+    seen = cast(VecNormalize, model.get_vec_normalize_env())
     observations: Any = streets.reset()
     while any(left):
-        actions, _ = model.predict(observations, deterministic=True)
+        actions, _ = model.predict(seen.normalize_obs(observations), deterministic=True)
         observations, _, dones, infos = streets.step(actions)
         for street in np.flatnonzero(dones):
             if left[street]:

@@ -1,4 +1,4 @@
-"""A setup's streets as PPO drives them: many at once, each in its own process, and scaled."""
+"""A setup's streets as PPO drives them: many at once, each in its own process."""
 
 from __future__ import annotations
 
@@ -7,18 +7,15 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
-import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium import spaces
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
     SubprocVecEnv,
     VecEnv,
-    VecEnvWrapper,
     VecFrameStack,
     VecMonitor,
 )
@@ -28,13 +25,11 @@ import sfol
 from env.driving.setup import Setup
 from env.learning.curriculum import StreetsInTurn
 from env.learning.new_model import codebook_of
-from env.street.observation import STATE_FIELDS, Observer, PrivilegedObserver, observer_of
+from env.street.observation import observer_of
 from env.street.seeds import TRAINING
 from env.world.camera import DashCameraParameters
 from env.world.cells import Cell
 from sfol.errors import SfolError
-
-Array = npt.NDArray[np.float32]
 
 _PATIENCE = 5.0  # s, with a process that has stopped answering
 
@@ -42,7 +37,9 @@ _PATIENCE = 5.0  # s, with a process that has stopped answering
 def make_streets(
     setup: Setup, cells: Sequence[Cell], seed: int, *, seeds: range = TRAINING, count: int = 0
 ) -> VecEnv:
-    """Return a setup's streets, with its observations and rewards, each in its own process.
+    """Return a setup's streets, each in its own process.
+
+    They are monitored, and neither observations nor rewards are normalised.
 
     The processes draw, perceive and describe for themselves, so that all processors are busy all
     the time; what they return is small.
@@ -66,41 +63,27 @@ def make_streets(
     )
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
-    # Monitored before they are scaled: returns are told as the rules give them.
-    streets = ScaledStreets(
-        VecMonitor(streets),
-        observations=_scales(setup, cast(spaces.Box, streets.observation_space)),
-        rewards=setup.learning.reward_scale,
-    )
+    streets = VecMonitor(streets)
     streets.seed(seed)
     return streets
 
 
-def _scales(setup: Setup, space: spaces.Box) -> Array:
-    """Return the factor on each number of an observation; the critic's are at most 1 already."""
-    scales = np.full(space.shape, setup.learning.observation_scale, np.float32)
-    if setup.privileged:
-        scales.reshape(setup.frames, -1)[:, -len(STATE_FIELDS) :] = 1.0
-    return scales
-
-
 def _street(setup: Setup, cells: tuple[Cell, ...], seeds: range) -> StreetsInTurn:
     """Return what one process drives on."""
-    observer: Observer = observer_of(
+    observer = observer_of(
         setup.observation,
         DashCameraParameters().size,
         setup.fusion,
         codebook_of(setup),
         speed=setup.speed,
     )
-    if setup.privileged:
-        observer = PrivilegedObserver(observer)
     return StreetsInTurn(
         cells,
-        seeds,
+        observer,
+        decision_steps=setup.decision_steps,
+        seeds=seeds,
         rules=sfol.KnowledgeBase.load(*setup.rules),
         perception=setup.perception,
-        observation=observer,
     )
 
 
@@ -197,36 +180,3 @@ def _first_end(processes: Sequence[BaseProcess]) -> str:
             code = process.exitcode or 0
             return f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
     return "does not answer"
-
-
-class ScaledStreets(VecEnvWrapper):
-    """Streets whose observations and rewards are multiplied by factors.
-
-    The value function has to reach the size of the returns, and from about 1 that takes many
-    updates if they are 50; and units of tanh learn slowly from inputs that saturate them.
-
-    Args:
-        streets: without scales.
-        observations: factors on them, float32 (N,), or one on all; `PolicyFile.write` puts the
-            policy's into its first layer.
-        rewards: factor on them.
-    """
-
-    def __init__(self, streets: VecEnv, *, observations: Array | float, rewards: float) -> None:
-        space = cast(spaces.Box, streets.observation_space)
-        scaled = spaces.Box(observations * space.low, observations * space.high, dtype=np.float32)
-        super().__init__(streets, observation_space=scaled)
-        self._observations = np.asarray(observations, np.float32)
-        self._rewards = rewards
-
-    def reset(self) -> VecEnvObs:
-        """Start an episode in every street, and return scaled observations."""
-        return self._observations * cast(Array, self.venv.reset())
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Return what the streets return, with scaled observations and rewards."""
-        observations, rewards, dones, infos = self.venv.step_wait()
-        for i in np.flatnonzero(dones):
-            infos[i]["terminal_observation"] *= self._observations
-        scaled = self._observations * cast(Array, observations)
-        return scaled, self._rewards * rewards, dones, infos

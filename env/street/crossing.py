@@ -88,8 +88,9 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
             trained network's segmentation of the frame; ``none``, for those who perceive elsewhere:
             no facts but the background's, and the reward of these.
         observation: what the policy is given: ``image``, the dash camera's frame, uint8
-            (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.street.observation`; or an
-            `env.street.observation.Observer`, which streets may share.
+            (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.street.observation`; ``none``,
+            for those who observe elsewhere; or an `env.street.observation.Observer`, which streets
+            may share.
         fusion: of SSI and SF: ``add``, ``multiply``, ``ssi`` or ``sf``; only for ``vsr``.
         rules: a knowledge base, the path of one, or the name of a bundled one. Its grounding
             gives the camera's field of view and height.

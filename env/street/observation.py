@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vsr.hypervectors.codebook import Codebook
 
 Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
-ObservationKind = Literal["image", "state", "vsr", "frame"]
+ObservationKind = Literal["image", "state", "vsr", "frame", "none"]
 
 _NEAREST = 10  # people in the state
 _REACH = 60.0  # m ahead of ego at which the state's distances end
@@ -141,22 +141,15 @@ class VsrObserver:
         return Describer(street.pipeline, self._fusion, encoder, self._codebook)
 
 
-class PrivilegedObserver:
-    """An observer's vector and, after it, the world's state, for the value function in training.
+class NoObserver:
+    """Nothing, float32 (0,), for those who observe elsewhere."""
 
-    Args:
-        observer: gives a vector.
-    """
-
-    def __init__(self, observer: Observer) -> None:
-        self._observer, self._state = observer, StateObserver()
-        first, then = cast(spaces.Box, observer.space), self._state.space
-        low, high = np.append(first.low, then.low), np.append(first.high, then.high)
-        self.space = spaces.Box(low, high, dtype=np.float32)
+    def __init__(self) -> None:
+        self.space = spaces.Box(-1.0, 1.0, (0,), np.float32)
 
     def __call__(self, street: StreetView) -> Observation:
-        """Return both."""
-        return np.append(cast(Any, self._observer(street)), cast(Any, self._state(street)))
+        """Return nothing."""
+        return np.empty(0, np.float32)
 
 
 class FrameObserver:
@@ -194,7 +187,7 @@ def observer_of(
     """Return the observer of a kind.
 
     Args:
-        kind: ``image``, ``state``, ``vsr`` or ``frame``.
+        kind: ``image``, ``state``, ``vsr``, ``frame`` or ``none``.
         side: width and height of the camera's frames, in px.
         fusion: of SSI and SF, for ``vsr``, as are the others; see `VsrObserver`.
         codebook: the symbols.
@@ -205,5 +198,6 @@ def observer_of(
         "state": StateObserver,
         "vsr": lambda: VsrObserver(fusion, codebook, speed=speed),
         "frame": lambda: FrameObserver(side),
+        "none": NoObserver,
     }
     return observers[kind]()

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import sfol
 from env.driving.policies import file_hash, make_driver
 from env.driving.rollout import DrivenStep, rollout
-from env.driving.setup import MEASURED_AT_LEAST, Setup, Stage, changed, training_name
+from env.driving.setup import Setup, Stage, changed, training_name
 from env.evaluation.evaluate import FIRST_SEED, Drive, evaluate
 from env.evaluation.results import versions
 from env.study.study_results import (
@@ -60,14 +60,8 @@ class StudyPlan:
 def quick(setup: Setup) -> Setup:
     """Return a setup cut to three updates of PPO: it learns nothing, and shows that all works."""
     update = 64 * setup.streets
-    measured = min(setup.learning.whitening_steps, MEASURED_AT_LEAST)
     learning = setup.learning.model_copy(
-        update={
-            "rollout_steps": update,
-            "batch_size": 64,
-            "whitening_steps": measured,
-            "value_steps": update,
-        }
+        update={"rollout_steps": update, "batch_size": 64, "value_steps": update}
     )
     return setup.model_copy(
         update={

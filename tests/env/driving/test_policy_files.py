@@ -11,21 +11,25 @@ from gymnasium import spaces
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 import sfol
 from env.driving import policy_files
 from env.driving.policies import TrainedDriver, file_hash, make_driver
-from env.driving.policy_files import PolicyCard, PolicyFile, act, load_actor
+from env.driving.policy_files import CLIP, Interface, PolicyCard, PolicyFile, act
 from env.driving.setup import Setup
 from env.evaluation.evaluate import Drive
-from env.learning.actor_critic import ActorCritic
 from env.learning.curriculum import StreetsInTurn
-from env.learning.new_model import codebook_of, untrained_model
+from env.learning.new_model import (
+    codebook_of,
+    load_policy,
+    normalised,
+    policy_of,
+    untrained_model,
+)
 from env.learning.vector_streets import make_streets
 from env.perception.weights_folder import FOLDER_VARIABLE
-from env.street.crossing import OccludedCrossing
+from env.street.observation import NoObserver, StateObserver
 from env.world.cells import Cell
 from sfol.errors import SfolError
 from tests.env.spaces import Spaces
@@ -33,122 +37,129 @@ from vsr.hypervectors.codebook import Codebook
 from vsr.tensor_files import sha256
 
 CELL = Cell("low", "partial")
-STREET = {"traffic": "low", "occlusion": "partial", "perception": "truth", "observation": "state"}
 
 
 def setup(**settings):
     stages = [{"steps": 1, "traffic": ["low"], "occlusion": ["partial"]}]
-    network = {"learning": {"layers": [8, 4]}}
-    return Setup.model_validate(
-        {"version": 1, "name": "small", "stages": stages, **network, **settings}
-    )
+    chosen = {"version": 2, "name": "small", "stages": stages, "streets": 1, "seed": 3}
+    return Setup.model_validate({**chosen, "learning": {"layers": [8, 4]}, **settings})
+
+
+STATE = {"observation": "state", "perception": "truth", "frames": 3, "decision_steps": 2}
 
 
 def write(path, model, chosen):
+    interface = Interface.of(chosen)
     card = PolicyCard(
-        setup=chosen,
+        interface=interface,
+        training=chosen.model_dump(mode="json"),
         steps=1,
         knowledge_base="crossing",
         knowledge_base_hash="0",
         evaluation={},
         versions={},
     )
-    PolicyFile(path).write(card, model, codebook_of(chosen))
+    PolicyFile(path).write(card, policy_of(model, interface), codebook_of(chosen))
     return path
 
 
-def untrained(streets, **options):
-    kwargs = {"net_arch": {"pi": [8, 4], "vf": [8]}}
-    return PPO(ActorCritic, streets, policy_kwargs=kwargs, seed=3, device="cpu", **options)
+def untrained(size, chosen):
+    """Return a model that has seen observations of so many numbers, and nothing else."""
+    space = spaces.Box(-np.inf, np.inf, (size,), np.float32)
+    streets = normalised(chosen, DummyVecEnv([partial(Spaces, space)]))
+    seen = np.random.default_rng(0).normal(3.0, 2.0, (50, size))
+    if chosen.learning.norm_obs:
+        streets.obs_rms.update(seen)
+    return untrained_model(chosen, streets)
 
 
 @pytest.fixture(scope="module")
 def streets():
-    streets = VecFrameStack(DummyVecEnv([lambda: OccludedCrossing(**STREET)]), 3)
+    streets = make_streets(setup(**STATE), [CELL], seed=0)
     yield streets
     streets.close()
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["noise by step", "noise by state"])
-def model(streets, request):
-    return untrained(streets, use_sde=request.param)
+@pytest.fixture(scope="module")
+def model(streets):
+    chosen = setup(**STATE)
+    seen = normalised(chosen, streets)
+    model = untrained_model(chosen, seen)
+    seen.reset()
+    for pedal in np.linspace(-1.0, 1.0, 20):
+        seen.step(np.array([[pedal]], np.float32))
+    return model
 
 
 @pytest.fixture
 def policy(tmp_path, model):
-    chosen = setup(observation="state", perception="truth", frames=3)
-    return write(tmp_path / "small.safetensors", model, chosen)
+    return write(tmp_path / "small.safetensors", model, setup(**STATE))
 
 
-def test_what_observations_were_scaled_by_is_part_of_the_policy(tmp_path, model):
-    scaled = setup(observation="state", learning={"layers": [8, 4], "observation_scale": 0.25})
-    file = write(tmp_path / "scaled.safetensors", model, scaled)
-    seen = np.linspace(-4.0, 4.0, model.observation_space.shape[0], dtype=np.float32)
-    expected, _ = model.predict(np.float32(0.25) * seen, deterministic=True)
-    assert act(PolicyFile(file).network(), seen) == pytest.approx(expected.item(), abs=1e-6)
+@pytest.mark.parametrize("norm_obs", [True, False])
+def test_what_observations_were_normalised_by_is_part_of_the_policy(tmp_path, norm_obs):
+    chosen = setup(observation="state", learning={"layers": [8, 4], "norm_obs": norm_obs})
+    model = untrained(5, chosen)
+    network = PolicyFile(write(tmp_path / "small.safetensors", model, chosen)).network()
+    for factor in (1.0, 100.0):  # more than CLIP deviations are cut
+        seen = factor * np.linspace(-4.0, 4.0, 5, dtype=np.float32)
+        normal = model.get_vec_normalize_env().normalize_obs(seen)
+        assert (np.abs(normal).max() == CLIP) == (norm_obs and factor > 1.0)
+        expected, _ = model.predict(normal, deterministic=True)
+        assert act(network, seen) == pytest.approx(expected.item(), abs=1e-6)
 
 
+@pytest.mark.parametrize("norm_obs", [True, False])
 @pytest.mark.parametrize(("frames", "extra"), [(3, 0), (3, 1), (1, 1)])
 def test_what_a_policy_was_not_given_has_no_weight_when_another_starts_from_it(
-    tmp_path, frames, extra
+    tmp_path, frames, extra, norm_obs
 ):
     """As if ego's speed, or earlier frames, were added to what it drives by."""
-    width = 5
-
-    def model(count, inputs):
-        space = spaces.Box(-1.0, 1.0, (count * inputs,), np.float32)
-        return untrained(DummyVecEnv([partial(Spaces, space)]))
-
-    file = PolicyFile(write(tmp_path / "first.safetensors", model(1, width), setup()))
-    later = setup(frames=frames, learning={"layers": [8, 4], "observation_scale": 0.5})
-    second = model(frames, width + extra)
-    load_actor(second, file, later)
+    width, learning = 5, {"layers": [8, 4], "norm_obs": norm_obs}
+    first = setup(learning=learning)
+    file = PolicyFile(write(tmp_path / "first.safetensors", untrained(width, first), first))
+    later = setup(frames=frames, learning=learning)
+    second = untrained(frames * (width + extra), later)
+    streets = second.get_vec_normalize_env()
+    load_policy(second, streets, file, frames)
     seen = np.random.default_rng(0).normal(size=(frames, width + extra)).astype(np.float32)
-    action, _ = second.predict(np.float32(0.5) * seen.ravel(), deterministic=True)
+    action, _ = second.predict(streets.normalize_obs(seen.ravel()), deterministic=True)
     expected = act(file.network(), seen[-1, :width])
     assert action.item() == pytest.approx(expected, abs=1e-6)
 
 
 def test_it_drives_as_the_model_from_its_file_alone(policy, model, streets):
     driver = make_driver(str(policy))  # outside the project's folder, and nobody trusts it
-    street = OccludedCrossing(**STREET)
+    turn = StreetsInTurn((CELL,), StateObserver(), perception="truth")
+    normalise = model.get_vec_normalize_env().normalize_obs
     for seed in (5, 6):  # a second episode knows nothing of the first
         streets.seed(seed)
         seen = streets.reset()
-        street.reset(seed=seed)
+        turn.reset(seed=seed)
         driver.reset()
         for _ in range(6):
-            expected, _ = model.predict(seen, deterministic=True)
-            pedal = driver(street)
-            assert pedal == pytest.approx(expected.item(), abs=1e-6)
+            expected, _ = model.predict(normalise(seen), deterministic=True)
+            for _ in range(STATE["decision_steps"]):  # it holds its action itself
+                pedal = driver(turn.street)
+                assert pedal == pytest.approx(expected.item(), abs=1e-6)
+                turn.step(np.array([pedal], np.float32))
             seen, *_ = streets.step(expected)
-            street.step(np.array([pedal], np.float32))
-    street.close()
+    turn.close()
 
 
 def test_it_observes_what_it_was_trained_on(tmp_path):
-    chosen = setup(
-        observation="vsr",
-        perception="simulator",
-        fusion="ssi",
-        speed=True,
-        frames=2,
-        critic="state",
-        streets=1,
-    )
+    chosen = setup(observation="vsr", perception="simulator", fusion="ssi", speed=True, frames=2)
     trained_on = make_streets(chosen, [CELL], seed=0)
-    model = untrained_model(chosen, trained_on)
-    path = write(tmp_path / "vsr.safetensors", model, chosen)
-    trained_on.seed(7)  # the model has given it its own
+    path = write(tmp_path / "vsr.safetensors", untrained(2 * 2049, chosen), chosen)
     driver = TrainedDriver(path)
     kb = sfol.KnowledgeBase.load("crossing")
-    turn = StreetsInTurn((CELL,), rules=kb, observation="state", perception="simulator")
+    turn = StreetsInTurn((CELL,), NoObserver(), decision_steps=4, rules=kb, perception="simulator")
     try:
+        trained_on.seed(7)
         expected = trained_on.reset()
         turn.reset(seed=7)
         for pedal in (1.0, 1.0, -0.5, 0.3):
-            seen = model.policy.mlp_extractor.of_actor(torch.from_numpy(expected))
-            np.testing.assert_allclose(driver.observe(turn.street), seen[0], atol=1e-5)
+            np.testing.assert_allclose(driver.observe(turn.street), expected[0], atol=1e-5)
             expected, *_ = trained_on.step(np.array([[pedal]], np.float32))
             turn.step(np.array([pedal], np.float32))
         assert np.abs(expected[0]).max() > 0.1
@@ -159,8 +170,7 @@ def test_it_observes_what_it_was_trained_on(tmp_path):
 
 def test_the_policy_beside_the_networks_weights_has_a_name(tmp_path, model, monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    chosen = setup(observation="state", perception="truth", frames=3)
-    file = write(tmp_path / "policy.safetensors", model, chosen)
+    file = write(tmp_path / "policy.safetensors", model, setup(**STATE))
     assert isinstance(make_driver("trained"), TrainedDriver)
     settings = Drive("trained", CELL, sfol.KnowledgeBase.load("crossing")).settings
     assert (settings.driver, settings.policy) == ("trained", file_hash(file))
@@ -190,15 +200,14 @@ def test_what_is_no_policy_is_an_error(policy, break_it, message):
 
 def _widen(card):
     content = json.loads(card.read_text())
-    content["setup"]["learning"]["layers"] = [64, 64]
+    content["interface"]["layers"] = [64, 64]
     card.write_text(json.dumps(content))
 
 
 @pytest.fixture
 def vsr_policy(tmp_path):
-    space = spaces.Box(-1.0, 1.0, (2048,), np.float32)
-    model = untrained(DummyVecEnv([partial(Spaces, space)]))
-    return write(tmp_path / "vsr.safetensors", model, setup(observation="vsr", fusion="ssi"))
+    chosen = setup(observation="vsr", fusion="ssi")
+    return write(tmp_path / "vsr.safetensors", untrained(2048, chosen), chosen)
 
 
 def test_the_codebook_is_part_of_a_policy(vsr_policy):
@@ -252,8 +261,8 @@ def test_tensors_that_are_not_what_the_card_says_are_refused_before_anybody_driv
 @pytest.mark.parametrize("frames", [1, 2, 4])
 def test_a_first_layer_of_another_width_is_refused(policy, frames):
     content = json.loads(policy.with_suffix(".json").read_text())
-    change_card(policy, setup=content["setup"] | {"frames": frames})
-    with pytest.raises(SfolError, match=r"'0\.weight' is F32 of shape \(8, 135\), not"):
+    change_card(policy, interface=content["interface"] | {"frames": frames})
+    with pytest.raises(SfolError, match=r"is F32 of shape \(135,\), not"):
         make_driver(str(policy))
 
 
@@ -263,8 +272,7 @@ def test_a_card_that_claims_large_layers_costs_no_memory(policy, layers, monkeyp
         pytest.fail("a network was built")
 
     content = json.loads(policy.with_suffix(".json").read_text())
-    learning = content["setup"]["learning"] | {"layers": layers}
-    change_card(policy, setup=content["setup"] | {"learning": learning})
+    change_card(policy, interface=content["interface"] | {"layers": layers})
     monkeypatch.setattr(policy_files.tensor_files, "load_finite", real_memory)
     with pytest.raises(SfolError, match=r"holds no policy|no card of a policy"):
         make_driver(str(policy))
@@ -274,7 +282,7 @@ def test_weights_of_another_training_under_a_card_are_refused(policy, model):
     old = policy.read_bytes()
     with torch.no_grad():
         model.policy.action_net.bias += 1.0
-    write(policy, model, setup(observation="state", perception="truth", frames=3))
+    write(policy, model, setup(**STATE))
     policy.write_bytes(old)
     with pytest.raises(SfolError, match=r"is not the file that .* train again"):
         make_driver(str(policy))

@@ -17,6 +17,7 @@ from matplotlib import pyplot as plt
 
 from env.learning.curriculum import StreetsInTurn
 from env.street.crossing import OccludedCrossing
+from env.street.observation import StateObserver
 from env.world import window
 from env.world.cells import Cell
 from env.world.meshes import VehicleSize
@@ -153,7 +154,7 @@ COPIES = {
 @pytest.fixture(scope="module")
 def several():
     cells = (Cell("low", "full"),)
-    with contextlib.closing(StreetsInTurn(cells, perception="truth", observation="state")) as built:
+    with contextlib.closing(StreetsInTurn(cells, StateObserver(), perception="truth")) as built:
         yield built
 
 
