@@ -5,7 +5,7 @@ A module declares what a command is called with, and imports what it does when i
 """
 
 # Importing a command adds it to the application; the help lists them in this order.
-from env.cli import demo, evaluate, sweep, train, study, figures, bench, tools  # noqa: F401, I001
+from env.cli import demo, evaluate, sweep, train, imitate, study, figures, bench, tools  # noqa: F401, I001
 from env.cli.app import app, main
 from vsr.training.cli import app as networks
 

@@ -39,6 +39,7 @@ class Interface(_Section):
     Attributes:
         observation: see `env.driving.setup.Setup`, as for the next ones.
         fusion: of SSI and SF.
+        unit_rms: whether entities' vectors are scaled.
         speed: whether ego's speed is added.
         frames: how many observations are given together.
         decision_steps: control steps that an action is held.
@@ -48,6 +49,7 @@ class Interface(_Section):
 
     observation: Literal["vsr", "state"]
     fusion: Method = "add"
+    unit_rms: bool = True
     speed: bool = False
     frames: PositiveInt = 1
     decision_steps: PositiveInt = 1
@@ -60,6 +62,7 @@ class Interface(_Section):
         return cls(
             observation=setup.observation,
             fusion=setup.fusion,
+            unit_rms=setup.unit_rms,
             speed=setup.speed,
             frames=setup.frames,
             decision_steps=setup.decision_steps,
@@ -151,7 +154,14 @@ class PolicyFile:
         given = self.card().interface
         codebook = self.codebook() if given.observation == "vsr" else None
         side = DashCameraParameters().size
-        observer = observer_of(given.observation, side, given.fusion, codebook, speed=given.speed)
+        observer = observer_of(
+            given.observation,
+            side,
+            given.fusion,
+            codebook,
+            speed=given.speed,
+            unit_rms=given.unit_rms,
+        )
         (numbers,) = cast(spaces.Box, observer.space).shape
         return observer, self.network(given.frames * numbers)
 

@@ -105,6 +105,11 @@ class Setup(_Section):
         "simulator", description="where facts come from"
     )
     fusion: Method = Field("add", description="how SSI and SF are fused, for the observation vsr")
+    unit_rms: bool = Field(
+        default=True,
+        description="whether SSI and SF of each entity, and what they are fused to, are scaled to "
+        "a root mean square of 1",
+    )
     speed: bool = Field(
         default=False, description="whether ego's speed is added to the observation vsr"
     )
@@ -163,6 +168,11 @@ class Setup(_Section):
     def steps(self) -> int:
         """Decisions of the whole training."""
         return sum(stage.steps for stage in self.stages)
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All that its stages draw from, each once."""
+        return tuple(dict.fromkeys(cell for stage in self.stages for cell in stage.cells))
 
     @property
     def discount(self) -> float:

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from env.driving.drivers import Driver
 from env.street.crossing import OccludedCrossing
 from env.street.observation import Observer
 from env.street.seeds import TRAINING
@@ -29,6 +30,8 @@ class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
         observer: gives the observations, one at each decision.
         decision_steps: how many control steps an action is held.
         seeds: to draw those of the episodes from.
+        teacher: if there is one, the info has what it would do now, ``teacher``, after a reset as
+            after a step.
         options: arguments of `OccludedCrossing`, for all streets.
 
     Attributes:
@@ -44,6 +47,7 @@ class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
         *,
         decision_steps: int = 1,
         seeds: range = TRAINING,
+        teacher: Driver | None = None,
         **options: Any,
     ) -> None:
         self._observer = observer
@@ -52,6 +56,7 @@ class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._streets: dict[Cell, OccludedCrossing] = {}
         self._cells = cells
         self._seeds = seeds
+        self._teacher = teacher
         self._cell = cells[0]
         self.street = self._street_of(self._cell)
         self.observation_space = observer.space
@@ -75,7 +80,9 @@ class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.street = self._street_of(self._cell)
         episode_seed = int(self.np_random.integers(self._seeds.start, self._seeds.stop))
         _, info = self.street.reset(seed=episode_seed, options=options)
-        return self._observer(self.street), info | self._cell._asdict()
+        if self._teacher is not None:
+            self._teacher.reset()
+        return self._observer(self.street), info | self._said()
 
     def step(
         self, action: npt.NDArray[np.float32]
@@ -88,13 +95,18 @@ class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
             _, reward, terminated, truncated, info = self.street.step(action)
             rewards.append(reward)
             infos.append(info)
-        info = _together(infos) | self._cell._asdict()
+        info = _together(infos) | self._said()
         return self._observer(self.street), sum(rewards), terminated, truncated, info
 
     def close(self) -> None:
         """Free all streets."""
         for street in self._streets.values():
             street.close()
+
+    def _said(self) -> dict[str, Any]:
+        """Return what this environment adds to an info."""
+        taught = {} if self._teacher is None else {"teacher": self._teacher(self.street)}
+        return {**self._cell._asdict(), **taught}
 
     def _street_of(self, cell: Cell) -> OccludedCrossing:
         if cell not in self._streets:

@@ -41,8 +41,10 @@ _OWN = {
     "rollout_steps",
     "value_steps",
 }
-# Observations that a policy's statistics count for when another starts from it: no later ones change
-# them, since its weights are right for these.
+# What a policy has in common with the one that it starts from.
+_SAME = ("observation", "fusion", "unit_rms", "decision_steps", "layers", "standardised")
+# Observations that a policy's statistics count for when another starts from it: no later ones
+# change them, since its weights are right for these.
 _FOR_EVER = 1e18
 # How a value function is learnt alone: nothing that is learnt beside it can go wrong meanwhile.
 _VALUE_LEARNING = {"learning_rate": 1e-3, "last_learning_rate": 1e-3, "n_epochs": 10}
@@ -83,7 +85,7 @@ def codebook_of(setup: Setup) -> Codebook | None:
 def _check_fit(file: PolicyFile, setup: Setup) -> None:
     """Refuse a policy whose numbers would mean something else; there may be more of them now."""
     former, new = file.card().interface, Interface.of(setup)
-    for key in ("observation", "fusion", "decision_steps", "layers", "standardised"):
+    for key in _SAME:
         _check_same(file, key, getattr(former, key), getattr(new, key))
     for key in ("speed", "frames"):
         _check_same(file, key, getattr(former, key), min(getattr(former, key), getattr(new, key)))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -53,7 +53,7 @@ from sfol.writing import replacing
 
 # Of what streets draw: cells, and the seeds of their episodes.
 _TRAINING_DRAWS = 1_000_000_000
-_EVALUATION_DRAWS = 2_000_000_000
+EVALUATION_DRAWS = 2_000_000_000
 # The numbers that each row has, of an episode and of an evaluation.
 _EPISODE = ("steps", "seconds", "return", "is_success", "collision", "timeout")
 _EVALUATION = ("steps", "seconds", "return", "success")
@@ -304,19 +304,39 @@ def evaluate_policy(model: PPO, setup: Setup) -> dict[str, float]:
         setup: gives the streets and the number of episodes.
 
     Returns:
-        Shares of success, collision and timeout, the mean return and length of an episode, and the
-        share of success in each density of traffic that was drawn, such as ``success_low``.
+        See `evaluated`.
     """
-    cells = tuple(dict.fromkeys(cell for stage in setup.stages for cell in stage.cells))
+    seen = cast(VecNormalize, model.get_vec_normalize_env())
+
+    def act(observations: Any) -> Any:
+        return model.predict(seen.normalize_obs(observations), deterministic=True)[0]
+
+    with closing(evaluation_streets(setup)) as streets:
+        return evaluated(streets, act, setup.evaluation_episodes)
+
+
+def evaluation_streets(setup: Setup) -> VecEnv:
+    """Return streets with the episodes that a setup's policies are evaluated in."""
     # Those of the training wait meanwhile, and hold memory: more than there are processors are of
     # no use.
     count = min(setup.streets, cores())
-    draws = _EVALUATION_DRAWS + 1_000_000 * setup.seed
-    streets = make_streets(setup, cells, draws, seeds=EVALUATION, count=count)
-    try:
-        infos = list(_endings(model, streets, setup.evaluation_episodes))
-    finally:
-        streets.close()
+    draws = EVALUATION_DRAWS + 1_000_000 * setup.seed
+    return make_streets(setup, setup.cells, draws, seeds=EVALUATION, count=count)
+
+
+def evaluated(streets: VecEnv, act: Callable[[Any], Any], episodes: int) -> dict[str, float]:
+    """Return how somebody drives.
+
+    Args:
+        streets: which are reset.
+        act: chooses the actions, (B, 1), by observations, (B, N).
+        episodes: of all streets together.
+
+    Returns:
+        Shares of success, collision and timeout, the mean return and length of an episode, and the
+        share of success in each density of traffic that was drawn, such as ``success_low``.
+    """
+    infos = list(_endings(streets, act, episodes))
     levels = sorted({info["traffic"] for info in infos})
     by_traffic = {
         f"success_{level}": float(
@@ -334,18 +354,16 @@ def evaluate_policy(model: PPO, setup: Setup) -> dict[str, float]:
     }
 
 
-def _endings(model: PPO, streets: VecEnv, episodes: int) -> Iterator[dict[str, Any]]:
+def _endings(streets: VecEnv, act: Callable[[Any], Any], episodes: int) -> Iterator[dict[str, Any]]:
     """Yield the last info of each of the first episodes.
 
     How many each street drives is settled beforehand. Were it the first to end that count, those
     that end soon, in a collision, would be among them too often.
     """
     left = [len(range(street, episodes, streets.num_envs)) for street in range(streets.num_envs)]
-    seen = cast(VecNormalize, model.get_vec_normalize_env())
     observations: Any = streets.reset()
     while any(left):
-        actions, _ = model.predict(seen.normalize_obs(observations), deterministic=True)
-        observations, _, dones, infos = streets.step(actions)
+        observations, _, dones, infos = streets.step(act(observations))
         for street in np.flatnonzero(dones):
             if left[street]:
                 left[street] -= 1

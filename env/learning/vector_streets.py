@@ -22,6 +22,7 @@ from stable_baselines3.common.vec_env import (
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 import sfol
+from env.driving.drivers import Driver
 from env.driving.setup import Setup
 from env.learning.curriculum import StreetsInTurn
 from env.learning.new_model import codebook_of
@@ -34,8 +35,14 @@ from sfol.errors import SfolError
 _PATIENCE = 5.0  # s, with a process that has stopped answering
 
 
-def make_streets(
-    setup: Setup, cells: Sequence[Cell], seed: int, *, seeds: range = TRAINING, count: int = 0
+def make_streets(  # noqa: PLR0913 (as for an observer)
+    setup: Setup,
+    cells: Sequence[Cell],
+    seed: int,
+    *,
+    seeds: range = TRAINING,
+    count: int = 0,
+    teacher: Driver | None = None,
 ) -> VecEnv:
     """Return a setup's streets, each in its own process.
 
@@ -50,11 +57,12 @@ def make_streets(
         seed: of the first street's draws; the others follow.
         seeds: to draw those of the episodes from.
         count: how many streets; the setup's number by default.
+        teacher: says what it would do, see `env.learning.curriculum.StreetsInTurn`.
 
     Raises:
         SfolError: a street can't be made, or its process ended.
     """
-    make: Callable[[], Any] = partial(_street, setup, tuple(cells), seeds)
+    make: Callable[[], Any] = partial(_street, setup, tuple(cells), seeds, teacher)
     number = count or setup.streets
     streets: VecEnv = (
         DummyVecEnv([make])
@@ -68,7 +76,9 @@ def make_streets(
     return streets
 
 
-def _street(setup: Setup, cells: tuple[Cell, ...], seeds: range) -> StreetsInTurn:
+def _street(
+    setup: Setup, cells: tuple[Cell, ...], seeds: range, teacher: Driver | None
+) -> StreetsInTurn:
     """Return what one process drives on."""
     observer = observer_of(
         setup.observation,
@@ -76,12 +86,14 @@ def _street(setup: Setup, cells: tuple[Cell, ...], seeds: range) -> StreetsInTur
         setup.fusion,
         codebook_of(setup),
         speed=setup.speed,
+        unit_rms=setup.unit_rms,
     )
     return StreetsInTurn(
         cells,
         observer,
         decision_steps=setup.decision_steps,
         seeds=seeds,
+        teacher=teacher,
         rules=sfol.KnowledgeBase.load(*setup.rules),
         perception=setup.perception,
     )

@@ -104,12 +104,19 @@ class VsrObserver:
         fusion: of SSI and SF.
         codebook: the symbols; a trained policy needs those that it was trained with.
         speed: whether ego's speed comes after the vector, from 0 to 20 at its top speed.
+        unit_rms: whether SSI and SF of each entity, and what they are fused to, are scaled to a
+            root mean square of 1; see `vsr.hypervectors.fusion.Fusion`.
 
     Source: paper, section "Vector Semantic Representation".
     """
 
     def __init__(
-        self, fusion: str = "add", codebook: Codebook | None = None, *, speed: bool = False
+        self,
+        fusion: str = "add",
+        codebook: Codebook | None = None,
+        *,
+        speed: bool = False,
+        unit_rms: bool = True,
     ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
@@ -117,7 +124,7 @@ class VsrObserver:
 
         dimension = codebook.dimension if codebook else DIMENSION
         self.space = spaces.Box(-np.inf, np.inf, (dimension + speed,), np.float32)
-        self._fusion = Fusion(cast(Method, fusion))
+        self._fusion = Fusion(cast(Method, fusion), unit_rms, unit_rms)
         self._codebook = codebook
         self._speed = speed
         self._describer: Describer | None = None
@@ -176,13 +183,14 @@ class FrameObserver:
         return {"gray": gray, "classes": frame.classes, "instances": frame.instances}
 
 
-def observer_of(
+def observer_of(  # noqa: PLR0913 (what makes an observer of each kind)
     kind: ObservationKind,
     side: int,
     fusion: str = "add",
     codebook: Codebook | None = None,
     *,
     speed: bool = False,
+    unit_rms: bool = True,
 ) -> Observer:
     """Return the observer of a kind.
 
@@ -192,11 +200,12 @@ def observer_of(
         fusion: of SSI and SF, for ``vsr``, as are the others; see `VsrObserver`.
         codebook: the symbols.
         speed: whether ego's speed comes after the vector.
+        unit_rms: whether entities are scaled.
     """
     observers: dict[ObservationKind, Callable[[], Observer]] = {
         "image": lambda: ImageObserver(side),
         "state": StateObserver,
-        "vsr": lambda: VsrObserver(fusion, codebook, speed=speed),
+        "vsr": lambda: VsrObserver(fusion, codebook, speed=speed, unit_rms=unit_rms),
         "frame": lambda: FrameObserver(side),
         "none": NoObserver,
     }
