@@ -11,7 +11,7 @@ import numpy.typing as npt
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import TRAINING
 from env.world.cells import Cell
-from env.world.world import NotCopied
+from env.world.bullet import NotCopied
 
 
 class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):
