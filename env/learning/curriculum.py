@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import TRAINING
-from env.world.cells import Cell
 from env.world.bullet import NotCopied
+from env.world.cells import Cell
 
 
 class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):

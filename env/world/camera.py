@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -17,6 +18,8 @@ from vsr.grounding import Camera
 from vsr.segmentation import Frame
 
 Renderer = Literal["street", "tiny"]
+# As cards of frames and of weights name them.
+RENDERERS: Mapping[Renderer, str] = {"street": "street rasteriser", "tiny": "pybullet TinyRenderer"}
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,10 @@ Array = npt.NDArray[np.float64]
 _SLACK = 1e-5  # px by which triangles reach farther, so that no gap shows between two of them
 
 
+# Called, not inlined, functions of the inner loops would count references to all their arrays.
+_inlined = njit(error_model="numpy", inline="always")
+
+
 class View(NamedTuple):
     """A pinhole that looks along the street's x axis, without pitch.
 
@@ -59,15 +63,35 @@ class _Canvas(NamedTuple):
     nearness: npt.NDArray[np.float32]
 
 
+class _Parts(NamedTuple):
+    """What is drawn: triangles, textures, poses, and the body and the class of each part."""
+
+    triangles: Triangles
+    textures: Textures
+    poses: Poses
+    bodies: npt.NDArray[np.int32]
+    kinds: npt.NDArray[np.uint8]
+
+
+class _Sun(NamedTuple):
+    """Light: a unit vector towards the sun as (ahead, right, below), and levels."""
+
+    ahead: float
+    right: float
+    below: float
+    ambient: float
+    diffuse: float
+
+
 class _Paint(NamedTuple):
-    """What a triangle is painted with: body, class, texture's first texel, height, width; light."""
+    """What a triangle shows: body, class, level of light; its texture's place and size."""
 
     body: int
     kind: int
+    level: float
     first: int
     height: int
     width: int
-    level: float
 
 
 def draw(
@@ -81,7 +105,7 @@ def draw(
 
     Args:
         scenery: what is to be seen.
-        light: sun of the episode.
+        light: of the episode.
         view: the camera.
         sky: uint8 (H, W), grey values where nothing is; it is drawn on.
         classes: uint8 (B + 1,), the semantic class of each body and, at last, of the sky.
@@ -92,130 +116,116 @@ def draw(
         np.full(sky.shape, -1, np.int32),
         np.zeros(sky.shape, np.float32),
     )
-    sun = np.array(light.direction)
+    x, y, z = np.divide(light.direction, np.linalg.norm(light.direction)).tolist()
     _draw(
         canvas,
-        scenery.triangles,
-        scenery.textures,
-        scenery.poses,
-        scenery.bodies,
-        classes[scenery.bodies],
-        (sun / np.linalg.norm(sun), light.ambient, light.diffuse),
+        _Parts(
+            scenery.triangles,
+            scenery.textures,
+            scenery.poses,
+            scenery.bodies,
+            classes[scenery.bodies],
+        ),
+        _Sun(x, -y, -z, light.ambient, light.diffuse),
         view,
     )
     return Frame(canvas.gray, canvas.classes, canvas.bodies)
 
 
-@njit(cache=True, error_model="numpy")
-def _draw(
-    canvas: _Canvas,
-    triangles: Triangles,
-    textures: Textures,
-    poses: Poses,
-    bodies: npt.NDArray[np.int32],
-    kinds: npt.NDArray[np.uint8],
-    light: tuple[Array, float, float],
-    view: View,
-) -> None:
+@njit(error_model="numpy", cache=True)
+def _draw(canvas: _Canvas, parts: _Parts, sun: _Sun, view: View) -> None:
     """Draw all parts; of two at the same depth, the one that was built later shows."""
-    sun, ambient, diffuse = light
-    # Near clipping makes of three corners four, of which two have no depth to divide by.
-    seen, polygon, turn = np.empty((3, 5)), np.empty((4, 5)), np.empty((3, 3))
-    lens, local_lens, local_sun = np.array((view.x, view.y, view.z)), np.empty(3), np.empty(3)
-    for part in range(len(bodies) - 1, -1, -1):
-        place = poses.places[part]
-        _set_turn(turn, poses.yaws[part], poses.pitches[part])
-        if _is_out_of_view(canvas.gray.shape, triangles, part, turn, place, view):
+    triangles, pose = parts.triangles, np.empty((3, 4))
+    lens, towards_sun = np.empty(3), np.empty(3)
+    seen, polygon = np.empty((3, 5)), np.empty((4, 5))
+    for part in range(len(parts.bodies) - 1, -1, -1):
+        _set_pose(pose, parts.poses, part, view)
+        if _is_out_of_view(pose, triangles, part, view, canvas.gray.shape):
             continue
-        # Lens and sun are turned into the part's axes, and triangles only if they face the lens.
-        for axis in range(3):
-            local_lens[axis] = local_sun[axis] = 0.0
-            for other in range(3):
-                local_lens[axis] += turn[other, axis] * (lens[other] - place[other])
-                local_sun[axis] += turn[other, axis] * sun[other]
-        first, height, width = textures.layout[poses.worn[part]]
+        # Lens and sun are turned into the part's axes, so that no triangle is in vain.
+        _turn_back(lens, pose, -pose[0, 3], -pose[1, 3], -pose[2, 3])
+        _turn_back(towards_sun, pose, sun.ahead, sun.right, sun.below)
+        body, kind = parts.bodies[part], parts.kinds[part]
+        first, height, width = parts.textures.layout[parts.poses.worn[part]]
         for triangle in range(triangles.starts[part], triangles.starts[part + 1]):
-            if _dot(triangles.planes, triangle, local_lens) <= triangles.planes[triangle, 3]:
+            if _dot(triangles.planes, triangle, lens) <= triangles.planes[triangle, 3]:
                 continue
-            for corner in range(3):
-                _look_at(seen, triangles, triangle, corner, turn, place, view)
+            shine = max(_dot(triangles.normals, triangle, towards_sun), 0.0)
+            level = sun.ambient + sun.diffuse * shine
+            paint = _Paint(body, kind, level, first, height, width)
+            _see(seen, pose, triangles, triangle)
             count = _clip(polygon, seen, view.near)
-            _project(polygon, count, canvas.gray.shape, view.focal)
-            level = ambient + diffuse * max(_dot(triangles.normals, triangle, local_sun), 0.0)
-            paint = _Paint(bodies[part], kinds[part], first, height, width, level)
+            _project(polygon, count, view.focal, canvas.gray.shape)
             for corner in range(2, count):
                 if triangles.plain[triangle]:
-                    u, v = triangles.uvs[triangle, 0, 0], triangles.uvs[triangle, 0, 1]
-                    _fill_plain(canvas, polygon, corner, paint, _gray(textures.texels, paint, u, v))
+                    _fill_plain(canvas, polygon, corner, paint, parts.textures.texels)
                 else:
-                    _fill_textured(canvas, polygon, corner, paint, textures.texels)
+                    _fill_textured(canvas, polygon, corner, paint, parts.textures.texels)
 
 
-@njit(cache=True, error_model="numpy")
-def _set_turn(turn: Array, yaw: float, pitch: float) -> None:
-    """Write the rotation about the y axis by `pitch`, then about the z axis by `yaw`, in rad."""
-    cos_yaw, sin_yaw, cos_pitch, sin_pitch = (
-        math.cos(yaw),
-        math.sin(yaw),
-        math.cos(pitch),
-        math.sin(pitch),
+@_inlined
+def _set_pose(pose: Array, poses: Poses, part: int, view: View) -> None:
+    """Write the map from a part's axes to (ahead, right, below) of the lens, in m."""
+    cos_yaw, sin_yaw = math.cos(poses.yaws[part]), math.sin(poses.yaws[part])
+    cos_pitch, sin_pitch = math.cos(poses.pitches[part]), math.sin(poses.pitches[part])
+    pose[0, 0], pose[0, 1], pose[0, 2] = cos_yaw * cos_pitch, -sin_yaw, cos_yaw * sin_pitch
+    pose[1, 0], pose[1, 1], pose[1, 2] = -sin_yaw * cos_pitch, -cos_yaw, -sin_yaw * sin_pitch
+    pose[2, 0], pose[2, 1], pose[2, 2] = sin_pitch, 0.0, -cos_pitch
+    pose[0, 3] = poses.places[part, 0] - view.x
+    pose[1, 3] = view.y - poses.places[part, 1]
+    pose[2, 3] = view.z - poses.places[part, 2]
+
+
+@_inlined
+def _apply(pose: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a part's point as (ahead, right, below) of the lens, in m."""
+    return (
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3],
+        pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
     )
-    turn[0, 0], turn[0, 1], turn[0, 2] = cos_yaw * cos_pitch, -sin_yaw, cos_yaw * sin_pitch
-    turn[1, 0], turn[1, 1], turn[1, 2] = sin_yaw * cos_pitch, cos_yaw, sin_yaw * sin_pitch
-    turn[2, 0], turn[2, 1], turn[2, 2] = -sin_pitch, 0.0, cos_pitch
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
+def _turn_back(vector: Array, pose: Array, ahead: float, right: float, below: float) -> None:
+    """Write a direction along the lens's axes as one along a part's."""
+    for axis in range(3):
+        vector[axis] = pose[0, axis] * ahead + pose[1, axis] * right + pose[2, axis] * below
+
+
+@_inlined
 def _dot(vectors: Array, index: int, other: Array) -> float:
     return (
         vectors[index, 0] * other[0] + vectors[index, 1] * other[1] + vectors[index, 2] * other[2]
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _look(point: Array, turn: Array, place: Array, view: View) -> tuple[float, float, float]:
-    """Return how far a part's point is ahead of, right of and below the lens, in m."""
-    x = turn[0, 0] * point[0] + turn[0, 1] * point[1] + turn[0, 2] * point[2] + place[0]
-    y = turn[1, 0] * point[0] + turn[1, 1] * point[1] + turn[1, 2] * point[2] + place[1]
-    z = turn[2, 0] * point[0] + turn[2, 1] * point[1] + turn[2, 2] * point[2] + place[2]
-    return x - view.x, view.y - y, view.z - z
-
-
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _is_out_of_view(
-    shape: tuple[int, int], triangles: Triangles, part: int, turn: Array, place: Array, view: View
+    pose: Array, triangles: Triangles, part: int, view: View, shape: tuple[int, int]
 ) -> bool:
     """Tell whether the sphere around a part lies outside of the pyramid that the picture shows."""
-    radius = triangles.radii[part]
-    ahead, right, below = _look(triangles.centres[part], turn, place, view)
-    if ahead + radius < view.near or ahead - radius > view.far:
-        return True
+    radius, centres = triangles.radii[part], triangles.centres
+    ahead, right, below = _apply(pose, centres[part, 0], centres[part, 1], centres[part, 2])
     tall, wide = 0.5 * shape[0], 0.5 * shape[1]
-    beside = abs(right) * view.focal - ahead * wide
-    above = abs(below) * view.focal - ahead * tall
-    return beside > radius * math.hypot(view.focal, wide) or above > radius * math.hypot(
-        view.focal, tall
-    )
+    beside = (abs(right) * view.focal - ahead * wide) / math.hypot(view.focal, wide)
+    above = (abs(below) * view.focal - ahead * tall) / math.hypot(view.focal, tall)
+    return max(view.near - ahead, ahead - view.far, beside, above) > radius
 
 
-@njit(cache=True, error_model="numpy")
-def _look_at(
-    seen: Array,
-    triangles: Triangles,
-    triangle: int,
-    corner: int,
-    turn: Array,
-    place: Array,
-    view: View,
-) -> None:
-    """Write a corner as (ahead, right, below, u, v), in m and repetitions of the texture."""
-    point = triangles.corners[triangle, corner]
-    seen[corner, 0], seen[corner, 1], seen[corner, 2] = _look(point, turn, place, view)
-    seen[corner, 3] = triangles.uvs[triangle, corner, 0]
-    seen[corner, 4] = triangles.uvs[triangle, corner, 1]
+@_inlined
+def _see(seen: Array, pose: Array, triangles: Triangles, triangle: int) -> None:
+    """Write a triangle's corners as (ahead, right, below, u, v)."""
+    for corner in range(3):
+        x = triangles.corners[triangle, corner, 0]
+        y = triangles.corners[triangle, corner, 1]
+        z = triangles.corners[triangle, corner, 2]
+        seen[corner, 0], seen[corner, 1], seen[corner, 2] = _apply(pose, x, y, z)
+        seen[corner, 3] = triangles.uvs[triangle, corner, 0]
+        seen[corner, 4] = triangles.uvs[triangle, corner, 1]
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _clip(polygon: Array, seen: Array, near: float) -> int:
     """Write what of a triangle lies beyond the near plane; return its number of corners.
 
@@ -238,8 +248,8 @@ def _clip(polygon: Array, seen: Array, near: float) -> int:
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def _project(polygon: Array, count: int, shape: tuple[int, int], focal: float) -> None:
+@_inlined
+def _project(polygon: Array, count: int, focal: float, shape: tuple[int, int]) -> None:
     """Turn corners into (column, row, 1/depth, u/depth, v/depth), all linear in the picture.
 
     A pixel's sample lies at its lower left corner, as that of pybullet's TinyRenderer does.
@@ -254,8 +264,8 @@ def _project(polygon: Array, count: int, shape: tuple[int, int], focal: float) -
         polygon[corner, 4] *= nearness
 
 
-@njit(cache=True, error_model="numpy")
-def _gray(texels: npt.NDArray[np.uint8], paint: _Paint, u: float, v: float) -> int:
+@_inlined
+def _gray(paint: _Paint, texels: npt.NDArray[np.uint8], u: float, v: float) -> int:
     """Return the grey value of a texture's point in this light, by ITU-R BT.601."""
     column = min(max(int((u - math.trunc(u)) * paint.width), 0), paint.width - 1)
     row = min(max(int((v - math.trunc(v)) * paint.height), 0), paint.height - 1)
@@ -266,7 +276,7 @@ def _gray(texels: npt.NDArray[np.uint8], paint: _Paint, u: float, v: float) -> i
     return (19595 * red + 38470 * green + 7471 * blue + 32768) >> 16
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _slope(polygon: Array, corner: int, axis: int) -> tuple[float, float, float]:
     """Return a value's change by column and by row, and the value in column 0 of row 0.
 
@@ -282,7 +292,7 @@ def _slope(polygon: Array, corner: int, axis: int) -> tuple[float, float, float]
     return by_column, by_row, value - by_column * x0 - by_row * y0
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _rows(polygon: Array, corner: int, shape: tuple[int, int]) -> tuple[int, int]:
     """Return the first row that a triangle may cover, and the one after the last."""
     last = corner - 1
@@ -295,7 +305,7 @@ def _rows(polygon: Array, corner: int, shape: tuple[int, int]) -> tuple[int, int
     return max(math.ceil(top), 0), min(math.floor(bottom), shape[0] - 1) + 1
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _columns(polygon: Array, corner: int, row: int, width: int) -> tuple[int, int]:
     """Return the first column that a triangle covers in a row, and the one after the last."""
     left, right = 0.0, width - 1.0
@@ -313,10 +323,14 @@ def _columns(polygon: Array, corner: int, row: int, width: int) -> tuple[int, in
     return math.ceil(left), math.floor(right) + 1
 
 
-@njit(cache=True, error_model="numpy")
-def _fill_plain(canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, gray: int) -> None:
-    """Fill a triangle that has one grey value."""
+@_inlined
+def _fill_plain(
+    canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, texels: npt.NDArray[np.uint8]
+) -> None:
+    """Fill a triangle that shows one point of its texture."""
     first, last = _rows(polygon, corner, canvas.gray.shape)
+    depth = 1.0 / polygon[0, 2]
+    gray = _gray(paint, texels, polygon[0, 3] * depth, polygon[0, 4] * depth)
     by_column, by_row, nearness = _slope(polygon, corner, 2)
     for row in range(first, last):
         left, right = _columns(polygon, corner, row, canvas.gray.shape[1])
@@ -329,7 +343,7 @@ def _fill_plain(canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, gra
                 canvas.bodies[row, column] = paint.body
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _fill_textured(
     canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, texels: npt.NDArray[np.uint8]
 ) -> None:
@@ -347,6 +361,6 @@ def _fill_textured(
                 across = (u + u_by_row * row + u_by_column * column) * depth
                 along = (v + v_by_row * row + v_by_column * column) * depth
                 canvas.nearness[row, column] = near
-                canvas.gray[row, column] = _gray(texels, paint, across, along)
+                canvas.gray[row, column] = _gray(paint, texels, across, along)
                 canvas.classes[row, column] = paint.kind
                 canvas.bodies[row, column] = paint.body
