@@ -144,9 +144,9 @@ class Scenery:
         """
         self.poses.places[part], self.poses.yaws[part] = place, yaw
 
-    def wear(self, part: int, texture: int) -> None:
-        """Dress a part in a texture, named by its number."""
-        self.poses.worn[part] = texture
+    def wear(self, parts: int | npt.NDArray[np.int64], texture: int) -> None:
+        """Dress a part, or several, in a texture, named by its number."""
+        self.poses.worn[parts] = texture
 
 
 def _triangles(meshes: Sequence[Mesh]) -> Triangles:

@@ -19,6 +19,7 @@ from env.world.tiny_renderer import Picture, TinyRenderer
 from vsr.classes import SemanticClass
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Occlusion = Literal["partial", "full", "cpnco"]
 
 PERSON_RADIUS = 0.3  # m, of the upright cylinder that contact is asked of
@@ -216,8 +217,7 @@ class World(NotCopied):
         self._park(rng)
         for person in self._people:
             choice = int(rng.integers(len(self._textures["outfit"])))
-            for part in person:
-                self._wear(part, "outfit", choice)
+            self._wear(person, "outfit", choice)
 
     def place_people(self, positions: Array, headings: Array, phases: Array, paces: Array) -> None:
         """Move the people and their limbs.
@@ -428,11 +428,11 @@ class World(NotCopied):
 
     # Dressing
 
-    def _wear(self, part: int, texture: str, choice: int) -> None:
-        self._scenery.wear(part, self._textures[texture][choice])
+    def _wear(self, parts: int | Indices, texture: str, choice: int) -> None:
+        self.scenery.wear(parts, self._textures[texture][choice])
 
     def _put(self, part: int, place: Point, yaw: float = 0.0) -> None:
-        self._scenery.put(part, place, yaw)
+        self.scenery.put(part, place, yaw)
 
     def _arrange_houses(self, rng: Generator) -> None:
         street = self.geometry
