@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("sfol", "vsr", "env")
-HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet")
+HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet", "numba")
 
 # Each room may import the rooms of its package that stand before it, and those beside it in braces
 # not at all. A module at the top of a package is a room of its own, unless it is one of the ground.
@@ -119,7 +119,7 @@ def test_import_sfol_imports_nothing_heavy():
 @pytest.mark.parametrize("command", ["sfol.cli", "env"])
 @pytest.mark.parametrize("arguments", [["--help"], ["bench", "--help"]])
 def test_help_imports_nothing_heavy(command, arguments):
-    never = ("torch", "stable_baselines3", "pybullet", "scipy", "matplotlib", "pyreason")
+    never = ("torch", "stable_baselines3", "pybullet", "numba", "scipy", "matplotlib", "pyreason")
     code = (
         f"import runpy, sys; sys.argv = ['x', *{arguments!r}]\n"
         f"try: runpy.run_module({command!r}, run_name='__main__')\n"

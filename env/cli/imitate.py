@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -59,7 +59,7 @@ def imitate(  # noqa: PLR0913, PLR0917 (each is an option)
     from env.learning.imitation import Lessons
     from env.learning.imitation import imitate as run
 
-    options = {
+    options: dict[str, Any] = {
         "observation": observation,
         "fusion": fusion,
         "speed": speed,

@@ -20,18 +20,22 @@ def frames_command(
     pairs: Annotated[
         bool, typer.Option(help="Also the frame one control step (0.1 s) after each.")
     ] = False,
+    renderer: Annotated[
+        Literal["street", "tiny"],
+        typer.Option(help="What draws them: the street itself, or pybullet's TinyRenderer."),
+    ] = "street",
 ) -> None:
     """Render frames of many different streets, to train and to test networks on.
 
     All traffic levels and both occlusions. Ego drives at changing speeds from random places; frames
     of one street are half a second to a second apart. A render that was stopped goes on where it
-    was. A frame takes about 25 ms.
+    was.
 
     Example: `aeb frames train --frames 8000 --output runs/frames/train`
     """
     from env.tools.frames import render
 
-    render(split, output, frames=frames, pairs=pairs)
+    render(split, output, frames=frames, pairs=pairs, renderer=renderer)
 
 
 @app.command("agreement")

@@ -75,7 +75,7 @@ def run_demo(rules: str, output: Path, seed: int, console: Console) -> None:
         focus = _explained(episodes, kb, console)
         made = (
             f"aeb demo --rules {rules} --seed {seed}; sfol {sfol.__version__}, Python "
-            f"{platform.python_version()}, pybullet's TinyRenderer, the simulator's segmentation; "
+            f"{platform.python_version()}, the street's renderer, the simulator's segmentation; "
             f"{steps} steps in {seconds:.0f} s"
         )
         path, log = output / _REPORT, output / _LOG

@@ -13,8 +13,8 @@ from env.driving.drivers import Driver
 from env.street.crossing import OccludedCrossing
 from env.street.observation import Observer
 from env.street.seeds import TRAINING
+from env.world.bullet import NotCopied
 from env.world.cells import Cell
-from env.world.world import NotCopied
 
 
 class StreetsInTurn(NotCopied, gymnasium.Env[Any, npt.NDArray[np.float32]]):

@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from env.perception.weights_folder import WHERE_FROM, weights_folder
+from env.world.camera import RENDERERS
 from sfol.errors import UsageError, missing_extra
 from vsr.grounding import Camera
 
@@ -19,14 +20,17 @@ except ImportError as error:
         str(error.name), "the networks of the street need it", extra="aeb", python="3.11"
     ) from error
 
-RENDERER = "pybullet TinyRenderer"  # of the dash camera's frames
+# One pixel in seventy differs between the two, by a few grey values, and the networks do as well on
+# frames of either: docs/explanation/networks.md has the figures.
+_ALIKE = frozenset(RENDERERS.values())
+_DEFAULT = RENDERERS["street"]
 
 
 def load_segmenter(
     folder: Path | None = None,
     *,
     camera: Camera | None = None,
-    renderer: str = RENDERER,
+    renderer: str = _DEFAULT,
     precision: Precision = "auto",
 ) -> UNetSegmenter:
     """Return the trained UNet; the streets of one process share it.
@@ -35,7 +39,8 @@ def load_segmenter(
         folder: where the weights are; else the environment variable ``AEB_WEIGHTS`` says it, else
             they are looked for in ``env/weights`` of a checkout.
         camera: the lens of the frames to come, checked against that of the training frames.
-        renderer: what draws the frames to come, checked likewise.
+        renderer: what draws the frames to come, by the name that cards give it, checked likewise;
+            the street's two renderers are as good as the same.
         precision: arithmetic; ``auto`` takes the fastest that the hardware has.
 
     Raises:
@@ -49,7 +54,7 @@ def load_autoencoder(
     folder: Path | None = None,
     *,
     camera: Camera | None = None,
-    renderer: str = RENDERER,
+    renderer: str = _DEFAULT,
     precision: Precision = "auto",
 ) -> FeatureEncoder:
     """Return the encoder of the trained autoencoder; see `load_segmenter`."""
@@ -72,7 +77,7 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             suggestion=f"{WHERE_FROM}; aeb networks {network} --help says how to train them",
         )
     trained_on = read_card(file).trained_on
-    if trained_on.renderer != renderer:
+    if trained_on.renderer != renderer and not {trained_on.renderer, renderer} <= _ALIKE:
         raise UsageError(
             f"the {network} knows frames of {trained_on.renderer}, not of {renderer}",
             name=renderer,

@@ -30,12 +30,13 @@ from env.world.actors import (
     Pedestrians,
     Walkers,
 )
-from env.world.camera import DashCamera, DashCameraParameters, third_person
+from env.world.bullet import NotCopied
+from env.world.camera import DashCamera, DashCameraParameters, Renderer, third_person
 from env.world.cells import Traffic
 from env.world.kinematics import STANDSTILL, stopping_distance
 from env.world.meshes import VehicleSize
 from env.world.window import Window
-from env.world.world import PERSON_RADIUS, NotCopied, Occlusion, StreetGeometry, World
+from env.world.world import PERSON_RADIUS, Occlusion, StreetGeometry, World
 from sfol.errors import UsageError, did_you_mean
 from sfol.wrappers import log_items
 from vsr.grounding import SegmentationGrounding
@@ -91,6 +92,8 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
             (224, 224, 1); ``state``, ``vsr`` and ``frame``, see `env.street.observation`; ``none``,
             for those who observe elsewhere; or an `env.street.observation.Observer`, which streets
             may share.
+        renderer: what draws the frames: ``street``, the street's own renderer, or ``tiny``,
+            pybullet's TinyRenderer, which takes some ten times as long.
         fusion: of SSI and SF: ``add``, ``multiply``, ``ssi`` or ``sf``; only for ``vsr``.
         rules: a knowledge base, the path of one, or the name of a bundled one. Its grounding
             gives the camera's field of view and height.
@@ -122,6 +125,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         behaviour: str | None = None,
         perception: str = "simulator",
         observation: str | Observer = "image",
+        renderer: str = "street",
         fusion: str = "add",
         rules: sfol.KnowledgeBase | str | Path = "crossing",
         speed_limit: float = 40.0,
@@ -136,6 +140,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         if behaviour is not None:
             self._behaviours = (_one_of("behaviour", behaviour, self._behaviours),)
         self.perception: str = _one_of("perception", perception, list(PERCEPTIONS))
+        self.renderer: Renderer = _one_of("renderer", renderer, get_args(Renderer))
         if render_mode is not None:
             _one_of("render_mode", render_mode, get_args(RenderMode))
         self.render_mode = render_mode
@@ -156,7 +161,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self.world = World(TRAFFIC[self.traffic].people, self.occlusion, size)
         camera = kb.grounding_of("segmentation", SegmentationGrounding).camera
         self.lens = DashCameraParameters(fov=camera.fov, height=camera.height)
-        self.camera = DashCamera(self.world, self.lens)
+        self.camera = DashCamera(self.world, self.lens, self.renderer)
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
         self._perceive = PERCEPTIONS[self.perception](kb, self.world, self.lens)
         self.pipeline = self._perceive.pipeline

@@ -17,11 +17,10 @@ import numpy.typing as npt
 from numpy.random import Generator
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from env.perception.networks import RENDERER
 from env.street.crossing import OccludedCrossing
 from env.street.seeds import FRAMES
 from env.world.actors import Ego
-from env.world.camera import DashCameraParameters
+from env.world.camera import RENDERERS, DashCamera, Renderer
 from env.world.cells import CELLS, Cell
 from sfol.errors import UsageError
 from sfol.locking import locked_folder
@@ -40,7 +39,14 @@ _LAST_START = 86.0  # m; farther on, nothing but the goal is ahead
 _LONGEST_WAIT = 24.0  # s, in which people spread over the street before ego comes
 
 
-def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) -> None:
+def render(
+    split: str,
+    output: Path,
+    *,
+    frames: int = 600,
+    pairs: bool = False,
+    renderer: Renderer = "street",
+) -> None:
     """Render a set of frames, or go on with one that was stopped.
 
     Args:
@@ -48,6 +54,7 @@ def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) 
         output: folder for the frames.
         frames: how many, rounded up to whole streets.
         pairs: whether each is followed by the frame one control step later.
+        renderer: what draws them.
 
     Raises:
         UsageError: there is no such split, its streets have not so many frames, or the folder holds
@@ -62,8 +69,8 @@ def render(split: str, output: Path, *, frames: int = 600, pairs: bool = False) 
             f"{frames} frames can't be rendered", name="frames", suggestion=f"1 to {most:,}"
         )
     seeds = range(first, first + count)
-    with locked_folder(output), _Streets() as streets:
-        card = _card(streets.of(first).lens, chosen, seeds, pairs)
+    with locked_folder(output), _Streets(renderer) as streets:
+        card = _card(streets.of(first).camera, chosen, seeds, pairs)
         _write_card(output / CARD, card)
         with _progress() as progress:
             task = progress.add_task(f"{chosen} streets", total=count)
@@ -159,6 +166,9 @@ class _Drive:
 class _Streets:
     """One environment of each cell, built when it is first asked for."""
 
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+
     def __enter__(self) -> _Streets:
         self._built: dict[Cell, OccludedCrossing] = {}
         return self
@@ -171,7 +181,7 @@ class _Streets:
         """Return the street of a seed's cell; cells take turns."""
         cell = CELLS[seed % len(CELLS)]
         if cell not in self._built:
-            self._built[cell] = OccludedCrossing(**cell._asdict())
+            self._built[cell] = OccludedCrossing(**cell._asdict(), renderer=self._renderer)
         return self._built[cell]
 
 
@@ -191,12 +201,15 @@ def _columns(streets: _Streets, seeds: range, pairs: bool) -> dict[str, npt.NDAr
     }
 
 
-def _card(lens: DashCameraParameters, split: Split, seeds: range, pairs: bool) -> dict[str, Any]:
+def _card(camera: DashCamera, split: Split, seeds: range, pairs: bool) -> dict[str, Any]:
     frames = f"--frames {FRAMES_PER_STREET * len(seeds)}" + (" --pairs" if pairs else "")
+    if camera.renderer != "street":
+        frames += f" --renderer {camera.renderer}"
+    lens = camera.parameters
     return {
         "source": "env.tools.frames",
         "split": split,
-        "renderer": RENDERER,
+        "renderer": RENDERERS[camera.renderer],
         "camera": {"size": lens.size, "fov": lens.fov, "height": lens.height},
         "seeds": [seeds.start, seeds[-1]],
         "frames_per_street": FRAMES_PER_STREET * (2 if pairs else 1),

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import pybullet
 
-from env.world.world import Picture, World
+from env.world.tiny_renderer import Picture
+from env.world.world import World
 from vsr.facts import Pinhole
 from vsr.grounding import Camera
 from vsr.segmentation import Frame
+
+Renderer = Literal["street", "tiny"]
+# As cards of frames and of weights name them.
+RENDERERS: Mapping[Renderer, str] = {"street": "street rasteriser", "tiny": "pybullet TinyRenderer"}
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,8 @@ class DashCamera:
     Args:
         world: the street.
         parameters: lens and place.
-        renderer: pybullet's number of a renderer; a network is valid for the one it was trained on.
+        renderer: ``street``, the street's own, or ``tiny``, pybullet's TinyRenderer, which takes
+            some ten times as long.
 
     Source: paper, section "Occluded Pedestrian Crossing Scenario using CARLA".
     """
@@ -56,11 +64,11 @@ class DashCamera:
         self,
         world: World,
         parameters: DashCameraParameters | None = None,
-        renderer: int = pybullet.ER_TINY_RENDERER,
+        renderer: Renderer = "street",
     ) -> None:
         self.parameters = parameters or DashCameraParameters()
+        self.renderer = renderer
         self._world = world
-        self._renderer = renderer
 
     def capture(self, front: float) -> Frame:
         """Take a frame from ego's dashboard.
@@ -68,20 +76,26 @@ class DashCamera:
         Args:
             front: x of ego's front bumper, in m.
         """
-        picture = self.render(front)
+        return self._draw(front) if self.renderer == "street" else self._draw_tiny(front)
+
+    def _draw(self, front: float) -> Frame:
+        from env.world.rasteriser import View, draw  # noqa: PLC0415  (numba is slow to import)
+
+        lens, world = self.parameters, self._world
+        view = View(*self._eye(front), lens.pinhole.focal, lens.near, lens.far)
+        return draw(world.scenery, world.light, view, self._sky(), world.classes)
+
+    def _draw_tiny(self, front: float) -> Frame:
+        lens, (x, y, z) = self.parameters, self._eye(front)
+        view = pybullet.computeViewMatrix((x, y, z), (x + 1.0, y, z), (0, 0, 1))
+        picture = self._world.render(view, self._projection, (lens.size, lens.size))
         gray = np.where(picture.bodies < 0, self._sky(), luma(picture.rgb))
         return Frame(gray, self._world.classes[picture.bodies], picture.bodies)
 
-    def render(self, front: float) -> Picture:
-        """Draw what the camera shows, in colour and without the sky.
-
-        Args:
-            front: x of ego's front bumper, in m.
-        """
+    def _eye(self, front: float) -> tuple[float, float, float]:
+        """Return where the lens is, in m."""
         lens = self.parameters
-        x, y = front - lens.setback, self._world.geometry.ego_lane
-        view = pybullet.computeViewMatrix((x, y, lens.height), (x + 1.0, y, lens.height), (0, 0, 1))
-        return self._world.render(view, self._projection, (lens.size, lens.size), self._renderer)
+        return front - lens.setback, self._world.geometry.ego_lane, lens.height
 
     @cached_property
     def _projection(self) -> tuple[float, ...]:
@@ -89,11 +103,11 @@ class DashCamera:
         return tuple(pybullet.computeProjectionMatrixFOV(lens.fov, 1.0, lens.near, lens.far))
 
     def _sky(self) -> npt.NDArray[np.uint8]:
-        """Return a column of grey values that brightens towards the horizon."""
+        """Return grey values that brighten towards the horizon, (H, W)."""
         zenith, horizon = self._world.light.sky
         size = self.parameters.size
         column = np.interp(np.arange(size), [0, size // 2], [zenith, horizon])
-        return column.astype(np.uint8)[:, None]
+        return np.repeat(column.astype(np.uint8)[:, None], size, axis=1)
 
 
 def third_person(

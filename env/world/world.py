@@ -1,39 +1,31 @@
-"""The street as bodies of a pybullet client: it draws pictures and answers whether ego touches."""
+"""The street: what is where, how it looks, and whether ego touches, which pybullet answers."""
 
 from __future__ import annotations
 
-import tempfile
-import weakref
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pybullet
 from numpy.random import Generator
-from PIL import Image
 
 from env.world import meshes, textures
-from env.world.meshes import Figure, Mesh, VehicleSize
-from sfol.errors import UsageError, missing_extra
+from env.world.bullet import Client, NotCopied
+from env.world.meshes import Figure, Mesh, Point, VehicleSize
+from env.world.scenery import Light, Part, Scenery
+from env.world.tiny_renderer import Picture, TinyRenderer
 from vsr.classes import SemanticClass
 
-try:
-    import pybullet
-except ImportError as error:
-    raise missing_extra(
-        "pybullet", "the bundled street needs it", extra="aeb", python="3.11"
-    ) from error
-
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Occlusion = Literal["partial", "full", "cpnco"]
 
 PERSON_RADIUS = 0.3  # m, of the upright cylinder that contact is asked of
 _PARKING_GAP = 1.0  # m between parked vehicles
+_LIMB_SWINGS = (1.0, -1.0, -0.8, 0.8)  # of legs and arms, as shares of the left leg's
 _OUT_OF_SIGHT = (-60.0, 0.0, -40.0)
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 # What can be worn is the same in every process; a seed chooses from it.
 _WARDROBE_SEED = 20250
 
@@ -100,36 +92,6 @@ class StreetGeometry:
 
 
 @dataclass(frozen=True)
-class Light:
-    """Sun and sky of an episode.
-
-    Attributes:
-        direction: unit vector towards the sun.
-        ambient: share of a colour that shows in the shade.
-        diffuse: what full sun adds to it.
-        sky: grey values of the sky at the zenith and at the horizon.
-    """
-
-    direction: tuple[float, float, float] = (-0.5, 0.3, 0.8)
-    ambient: float = 0.6
-    diffuse: float = 0.4
-    sky: tuple[float, float] = (170.0, 225.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """What the renderer returns.
-
-    Attributes:
-        rgb: uint8 (H, W, 3).
-        bodies: int32 (H, W), the body at each pixel, -1 for the sky.
-    """
-
-    rgb: npt.NDArray[np.uint8]
-    bodies: npt.NDArray[np.int32]
-
-
-@dataclass(frozen=True)
 class ParkedVehicle:
     """A vehicle that stands, facing along the street.
 
@@ -174,26 +136,8 @@ _TRUCKS = (
 _CHILD = Figure(height=1.15)  # Euro NCAP's child is as tall as one of seven
 
 
-class NotCopied:
-    """What can't be copied or pickled, since both would move the same bodies."""
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """Refuse.
-
-        Raises:
-            UsageError: always.
-        """
-        raise UsageError(
-            "a street can't be copied or pickled: its bodies live in one renderer of this process",
-            suggestion="build another one with the same arguments; equal seeds make them equal",
-        )
-
-
 class World(NotCopied):
-    """The bodies of the street. Everything is built once; `dress` changes it for an episode.
-
-    pybullet keeps the memory of meshes even when their bodies are removed, until the client is
-    closed, so a street that was built anew for every episode would grow without end.
+    """The street. Everything is built once; `dress` changes it for an episode.
 
     Args:
         people: how many pedestrians there are.
@@ -224,13 +168,12 @@ class World(NotCopied):
         self.geometry = geometry or StreetGeometry()
         self.light = Light()
         self._ego_size = ego
-        self._physics = _connect()
-        # Streets that nobody closes would keep their memory, some 36 MB each.
-        self._closing = weakref.finalize(self, _disconnect, self._physics)
+        self._client = Client()
+        self._tiny_renderer: TinyRenderer | None = None
         self._kinds: list[SemanticClass] = []
+        self._parts: list[Part] = []
         rng = np.random.default_rng(_WARDROBE_SEED)
-        with tempfile.TemporaryDirectory(prefix="street-") as folder:
-            self._textures = self._load_textures(rng, Path(folder), truck=occlusion == "full")
+        pictures = self._pictures(rng, truck=occlusion == "full")
         self._build_ground()
         self._build_houses(rng)
         self._build_furniture(rng)
@@ -239,11 +182,30 @@ class World(NotCopied):
         if occlusion == "cpnco":
             figures[0] = _CHILD
         self.heights = np.array([figure.height for figure in figures])
-        self._people = [self._build_person(figure) for figure in figures]
-        self._ego = self._build_ego(ego)
-        self.hide_ego()
+        self._people = np.array([self._build_person(figure) for figure in figures])
+        self._joints = np.array([meshes.limb_joints(figure) for figure in figures])
+        self._ego = self._body(SemanticClass.VEHICLE, meshes.car(ego, 0.05), place=_OUT_OF_SIGHT)
         # Sky has no body: the last entry is what index -1 finds.
         self.classes = np.array([*self._kinds, SemanticClass.SKY], np.uint8)
+
+        numbers = iter(range(sum(map(len, pictures.values()))))
+        self._textures = {name: [next(numbers) for _ in some] for name, some in pictures.items()}
+        self._scenery = Scenery(self._parts, [one for some in pictures.values() for one in some])
+        for sign in self._signs:
+            self._wear(sign, "sign", 0)
+        self._wear(self._ego, "paintwork", 0)
+        self._ego_hull = self._hull(_box(ego))
+        self._people_hulls = [self._hull(_cylinder(figure)) for figure in figures]
+
+    @property
+    def scenery(self) -> Scenery:
+        """What is to be seen now.
+
+        Raises:
+            UsageError: the street is closed.
+        """
+        self._client.check_open()
+        return self._scenery
 
     def dress(self, rng: Generator) -> None:
         """Give the street a new look: light, surfaces, houses, trees, vehicle, clothes."""
@@ -255,8 +217,7 @@ class World(NotCopied):
         self._park(rng)
         for person in self._people:
             choice = int(rng.integers(len(self._textures["outfit"])))
-            for link in range(-1, 4):
-                self._wear(person, "outfit", choice, link)
+            self._wear(person, "outfit", choice)
 
     def place_people(self, positions: Array, headings: Array, phases: Array, paces: Array) -> None:
         """Move the people and their limbs.
@@ -267,22 +228,20 @@ class World(NotCopied):
             phases: float (N,), in rad; one stride of both legs is 2π.
             paces: float (N,), speeds in m/s, which give the length of the step.
         """
-        client, ground = self._client, self.geometry
+        ground, poses = self.geometry, self.scenery.poses
         swings = leg_swings(phases, paces)
         sunk = meshes.HIP_HEIGHT * (1.0 - np.cos(swings))
         heights = np.where(ground.on_sidewalk(positions[:, 1]), ground.kerb_height, 0.0) - sunk
-        rows = zip(
-            self._people,
-            np.column_stack([positions, heights]).tolist(),
-            (0.5 * headings).tolist(),
-            swings.tolist(),
-            strict=True,
-        )
-        for person, place, half_turn, swing in rows:
-            turn = (0.0, 0.0, np.sin(half_turn), np.cos(half_turn))
-            pybullet.resetBasePositionAndOrientation(person, place, turn, physicsClientId=client)
-            limbs = [[swing], [-swing], [-0.8 * swing], [0.8 * swing]]
-            pybullet.resetJointStatesMultiDof(person, range(4), limbs, physicsClientId=client)
+        trunks = np.column_stack([positions, heights])
+        # Joints lie in the plane across the body, so that a turn moves them along one direction.
+        aside = self._joints[..., 1]
+        across = np.stack([-np.sin(headings), np.cos(headings)], axis=1)
+        limbs = trunks[:, None] + [0.0, 0.0, 1.0] * self._joints
+        limbs[..., :2] += aside[..., None] * across[:, None]
+        poses.places[self._people[:, 0]] = trunks
+        poses.places[self._people[:, 1:]] = limbs
+        poses.yaws[self._people] = headings[:, None]
+        poses.pitches[self._people[:, 1:]] = swings[:, None] * _LIMB_SWINGS
 
     def touches(self, front: float, people: Sequence[int], positions: Array) -> bool:
         """Tell whether ego touches one of these people, as pybullet's closest points have it.
@@ -292,73 +251,57 @@ class World(NotCopied):
             people: their indices.
             positions: float (len(people), 2), where they are, in m.
         """
-        self.show_ego(front)
-        try:
-            return any(map(self._touches_ego, people, positions.tolist()))
-        finally:
-            self.hide_ego()
+        self._move_hull(self._ego_hull, self._place_of_ego(front))
+        return any(map(self._touches_ego, people, positions.tolist()))
 
     def _touches_ego(self, index: int, position: Sequence[float]) -> bool:
-        person = self._people[index]
-        self._put(person, (*position, 0.0))
-        points = pybullet.getClosestPoints(self._ego, person, 0.0, physicsClientId=self._client)
+        person, client = self._people_hulls[index], self._client.number
+        self._move_hull(person, (*position, 0.0))
+        points = pybullet.getClosestPoints(self._ego_hull, person, 0.0, physicsClientId=client)
         return bool(points)
 
+    def _move_hull(self, hull: int, place: Sequence[float]) -> None:
+        pybullet.resetBasePositionAndOrientation(
+            hull, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=self._client.number
+        )
+
     def show_ego(self, front: float) -> None:
-        """Put ego's body where ego is."""
-        self._put(self._ego, (front - self._ego_size.length / 2, self.geometry.ego_lane, 0.0))
+        """Show ego where ego is."""
+        self._put(self._ego, self._place_of_ego(front))
 
     def hide_ego(self) -> None:
-        """Take ego's body out of the way of the dash camera."""
+        """Take ego out of the way of the dash camera."""
         self._put(self._ego, _OUT_OF_SIGHT)
 
+    def _place_of_ego(self, front: float) -> tuple[float, float, float]:
+        return front - self._ego_size.length / 2, self.geometry.ego_lane, 0.0
+
     def render(
-        self,
-        view: Sequence[float],
-        projection: Sequence[float],
-        size: tuple[int, int],
-        renderer: int = pybullet.ER_TINY_RENDERER,
+        self, view: Sequence[float], projection: Sequence[float], size: tuple[int, int]
     ) -> Picture:
-        """Draw the street.
+        """Draw the street by pybullet's TinyRenderer.
 
         Args:
             view: pybullet's view matrix.
             projection: pybullet's projection matrix.
             size: width and height, in px.
-            renderer: pybullet's number of a renderer.
         """
-        width, height, rgba, _, bodies = pybullet.getCameraImage(
-            *size,
-            view,
-            projection,
-            renderer=renderer,
-            shadow=0,
-            lightDirection=self.light.direction,
-            lightColor=(1.0, 1.0, 1.0),
-            lightAmbientCoeff=self.light.ambient,
-            lightDiffuseCoeff=self.light.diffuse,
-            lightSpecularCoeff=0.0,
-            physicsClientId=self._client,
-        )
-        rgb = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3]
-        return Picture(rgb, np.asarray(bodies, np.int32).reshape(height, width))
+        if self._tiny_renderer is None:
+            self._tiny_renderer = TinyRenderer(self.scenery)
+        return self._tiny_renderer.render(self.light, view, projection, size)
 
     def close(self) -> None:
         """Disconnect from pybullet; a second call does nothing."""
-        self._closing()
-
-    @property
-    def _client(self) -> int:
-        if not self._closing.alive:
-            raise UsageError("the street is closed", suggestion="build another one")
-        return self._physics
+        self._client.close()
+        if self._tiny_renderer is not None:
+            self._tiny_renderer.close()
 
     # Building
 
-    def _load_textures(self, rng: Generator, folder: Path, truck: bool) -> dict[str, list[int]]:
+    def _pictures(self, rng: Generator, truck: bool) -> dict[str, list[textures.Picture]]:
         street = self.geometry
         across = street.far_kerb - street.near_kerb
-        pictures = {
+        return {
             "outfit": [textures.outfit(rng) for _ in range(48)],
             "paintwork": [textures.paintwork(rng, truck) for _ in range(16)],
             "furniture": [textures.furniture(rng) for _ in range(4)],
@@ -373,18 +316,6 @@ class World(NotCopied):
             "grass": [textures.grass(rng)],
             "sign": [textures.crosswalk_sign()],
         }
-        return {
-            name: [
-                self._load(folder / f"{name}{number}.png", picture)
-                for number, picture in enumerate(choices)
-            ]
-            for name, choices in pictures.items()
-        }
-
-    def _load(self, file: Path, picture: textures.Picture) -> int:
-        # The renderer counts rows from below.
-        Image.fromarray(picture[::-1]).save(file)
-        return int(pybullet.loadTexture(str(file), physicsClientId=self._client))
 
     def _build_ground(self) -> None:
         street = self.geometry
@@ -403,11 +334,11 @@ class World(NotCopied):
                 stones.append(stone)
         lawn = meshes.slab((street.end, -60.0), (street.end + 40.0, 60.0), 0.0, (4.0, 4.0))
         self._surfaces = [
-            (self._body(meshes.merge(*road), SemanticClass.ROAD), "asphalt"),
-            (self._body(zebra, SemanticClass.CROSSWALK), "zebra"),
-            (self._body(meshes.merge(*slabs), SemanticClass.SIDEWALK), "paving"),
-            (self._body(meshes.merge(*stones), SemanticClass.SIDEWALK), "kerbstone"),
-            (self._body(lawn, SemanticClass.TERRAIN), "grass"),
+            (self._body(SemanticClass.ROAD, meshes.merge(*road)), "asphalt"),
+            (self._body(SemanticClass.CROSSWALK, zebra), "zebra"),
+            (self._body(SemanticClass.SIDEWALK, meshes.merge(*slabs)), "paving"),
+            (self._body(SemanticClass.SIDEWALK, meshes.merge(*stones)), "kerbstone"),
+            (self._body(SemanticClass.TERRAIN, lawn), "grass"),
         ]
 
     def _sidewalk(self, x0: float, x1: float, kerb: float, wall: float) -> tuple[Mesh, Mesh]:
@@ -431,111 +362,77 @@ class World(NotCopied):
             floors = rng.permutation(np.resize([2, 3, 4, 3], len(widths)))
             self._houses.append(
                 [
-                    (self._body(_house(width, int(count)), SemanticClass.BUILDING), float(width))
+                    (self._body(SemanticClass.BUILDING, _house(width, int(count))), float(width))
                     for width, count in zip(widths, floors, strict=True)
                 ]
             )
         # A house across the end of the street, so that the view ends in something.
-        self._last_house = self._body(_house(40.0, 4, 3.0), SemanticClass.BUILDING)
-        self._put(self._last_house, (street.end + 25.0, 20.0, 0.0), -0.5 * np.pi)
+        self._last_house = self._body(
+            SemanticClass.BUILDING,
+            _house(40.0, 4, 3.0),
+            place=(street.end + 25.0, 20.0, 0.0),
+            yaw=-0.5 * np.pi,
+        )
 
     def _build_furniture(self, rng: Generator) -> None:
+        street = self.geometry
         self._trees = [
-            self._body(meshes.tree(float(rng.uniform(5.0, 7.0))), SemanticClass.VEGETATION)
+            self._body(SemanticClass.VEGETATION, meshes.tree(float(rng.uniform(5.0, 7.0))))
             for _ in range(14)
         ]
-        self._lamps = [self._body(meshes.lamp(), SemanticClass.POLE) for _ in range(6)]
-        posts = [self._body(meshes.sign_post(), SemanticClass.POLE) for _ in range(2)]
-        plates = []
-        street = self.geometry
-        places = (
+        self._lamps = [self._body(SemanticClass.POLE, meshes.lamp()) for _ in range(6)]
+        self._sign_places = (
             (street.crosswalk[0] - 0.2, street.far_kerb + 0.5),
             (street.crosswalk[1] + 0.4, street.near_kerb - 0.5),
         )
-        for (x, y), post in zip(places, posts, strict=True):
-            self._put(post, (x, y, 0.0))
-            plate = meshes.panel((x - 0.06, y + 0.4, 2.2), (x - 0.06, y - 0.4, 3.0))
-            plates.append(self._body(plate, SemanticClass.TRAFFIC_SIGN))
-            self._wear(plates[-1], "sign", 0)
-        self._posts = posts
-        self._signs = places
+        self._sign_posts = [
+            self._body(SemanticClass.POLE, meshes.sign_post(), place=(x, y, 0.0))
+            for x, y in self._sign_places
+        ]
+        self._signs = [
+            self._body(
+                SemanticClass.TRAFFIC_SIGN,
+                meshes.panel((x - 0.06, y + 0.4, 2.2), (x - 0.06, y - 0.4, 3.0)),
+            )
+            for x, y in self._sign_places
+        ]
 
     def _build_vehicles(self, occlusion: Occlusion) -> list[list[tuple[int, _Model]]]:
         """Return what may park in each place, the place at the crosswalk first."""
         places = {"partial": [_CARS], "full": [_TRUCKS], "cpnco": [_CARS, _TRUCKS]}[occlusion]
-        return [[(self._body(model.mesh, model.kind), model) for model in some] for some in places]
+        return [[(self._body(model.kind, model.mesh), model) for model in some] for some in places]
 
-    def _build_person(self, figure: Figure) -> int:
+    def _build_person(self, figure: Figure) -> list[int]:
+        """Return the trunk's part, and those of left leg, right leg, left arm and right arm."""
         leg, arm = meshes.leg(figure), meshes.arm(figure)
-        limbs = [self._shape(limb) for limb in (leg, leg, arm, arm)]
-        hull = pybullet.createCollisionShape(
-            pybullet.GEOM_CYLINDER,
-            radius=PERSON_RADIUS,
-            height=figure.height,
-            collisionFramePosition=(0.0, 0.0, figure.height / 2),
-            physicsClientId=self._client,
-        )
-        return self._body(
-            meshes.trunk(figure),
-            SemanticClass.PEDESTRIAN,
-            baseCollisionShapeIndex=hull,
-            linkMasses=[0.0] * 4,
-            linkCollisionShapeIndices=[-1] * 4,
-            linkVisualShapeIndices=limbs,
-            linkPositions=meshes.limb_joints(figure),
-            linkOrientations=[_UPRIGHT] * 4,
-            linkInertialFramePositions=[(0.0, 0.0, 0.0)] * 4,
-            linkInertialFrameOrientations=[_UPRIGHT] * 4,
-            linkParentIndices=[0] * 4,
-            linkJointTypes=[pybullet.JOINT_REVOLUTE] * 4,
-            linkJointAxis=[(0.0, 1.0, 0.0)] * 4,
-        )
+        first = self._body(SemanticClass.PEDESTRIAN, meshes.trunk(figure), leg, leg, arm, arm)
+        return list(range(first, first + 5))
 
-    def _build_ego(self, size: VehicleSize) -> int:
-        hull = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX,
-            halfExtents=(size.length / 2, size.width / 2, size.height / 2),
-            collisionFramePosition=(0.0, 0.0, size.height / 2),
-            physicsClientId=self._client,
-        )
-        body = self._body(
-            meshes.car(size, 0.05), SemanticClass.VEHICLE, baseCollisionShapeIndex=hull
-        )
-        self._wear(body, "paintwork", 0)
-        return body
-
-    def _body(self, mesh: Mesh, kind: SemanticClass, **parts: Any) -> int:
+    def _body(
+        self, kind: SemanticClass, *parts: Mesh, place: Point = (0.0, 0.0, 0.0), yaw: float = 0.0
+    ) -> int:
+        """Add a body and return the index of its first part."""
+        first, body = len(self._parts), len(self._kinds)
         self._kinds.append(kind)
+        self._parts += [Part(mesh, body, place, yaw) for mesh in parts]
+        return first
+
+    def _hull(self, shape: Mapping[str, Any]) -> int:
+        client = self._client.number
+        collision = pybullet.createCollisionShape(**shape, physicsClientId=client)
         return int(
             pybullet.createMultiBody(
-                baseMass=0.0,
-                baseVisualShapeIndex=self._shape(mesh),
-                physicsClientId=self._client,
-                **parts,
-            )
-        )
-
-    def _shape(self, mesh: Mesh) -> int:
-        return int(
-            pybullet.createVisualShape(
-                pybullet.GEOM_MESH, **mesh.shape(), physicsClientId=self._client
+                baseMass=0.0, baseCollisionShapeIndex=collision, physicsClientId=client
             )
         )
 
     # Dressing
 
-    def _wear(self, body: int, texture: str, choice: int, link: int = -1) -> None:
-        pybullet.changeVisualShape(
-            body,
-            link,
-            textureUniqueId=self._textures[texture][choice],
-            rgbaColor=(1.0, 1.0, 1.0, 1.0),
-            physicsClientId=self._client,
-        )
+    def _wear(self, parts: int | Indices, texture: str, choice: int) -> None:
+        self.scenery.wear(parts, self._textures[texture][choice])
 
-    def _put(self, body: int, place: Sequence[float], yaw: float = 0.0) -> None:
-        turn = (0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
-        pybullet.resetBasePositionAndOrientation(body, place, turn, physicsClientId=self._client)
+    def _put(self, part: int, place: Point, yaw: float = 0.0) -> None:
+        self.scenery.put(part, place, yaw)
 
     def _arrange_houses(self, rng: Generator) -> None:
         street = self.geometry
@@ -558,7 +455,7 @@ class World(NotCopied):
         spots = [(x, street.near_kerb - 0.5) for x in clear_of_crosswalk]
         spots += [(x + 5.0, street.far_kerb + 0.5) for x in clear_of_crosswalk]
         leaves = int(rng.integers(len(self._textures["furniture"])))
-        posts = [(x, y, 0.04) for x, y in self._signs]
+        posts = [(x, y, 0.04) for x, y in self._sign_places]
         for tree, (x, y) in zip(self._trees, spots, strict=True):
             place = (x + rng.uniform(-2.5, 2.5), y, 0.0)
             self._put(tree, place, rng.uniform(0.0, 6.28))
@@ -571,7 +468,7 @@ class World(NotCopied):
             self._wear(pole, "furniture", leaves)
             posts.append((*place[:2], 0.08))
         self.posts = np.array(posts)
-        for post in self._posts:
+        for post in self._sign_posts:
             self._wear(post, "furniture", leaves)
 
     def _park(self, rng: Generator) -> None:
@@ -591,29 +488,23 @@ class World(NotCopied):
             front -= model.size.length + _PARKING_GAP
 
 
-def _connect() -> int:
-    """Return a new physics client, which renders too."""
-    try:
-        client = int(pybullet.connect(pybullet.DIRECT))
-    except pybullet.error as error:
-        raise _no_client(str(error)) from error
-    if client < 0:
-        raise _no_client("it gave no reason")
-    return client
+def _box(size: VehicleSize) -> dict[str, Any]:
+    """Return pybullet's arguments for a vehicle's hull."""
+    return {
+        "shapeType": pybullet.GEOM_BOX,
+        "halfExtents": (size.length / 2, size.width / 2, size.height / 2),
+        "collisionFramePosition": (0.0, 0.0, size.height / 2),
+    }
 
 
-def _disconnect(client: int) -> None:
-    """Free a physics client; what is gone already, as at the end of a program, stays so."""
-    with suppress(pybullet.error):
-        pybullet.disconnect(physicsClientId=client)
-
-
-def _no_client(reason: str) -> UsageError:
-    return UsageError(
-        f"pybullet's renderer does not start: {reason}",
-        name="pybullet",
-        suggestion="close streets that are no longer driven; a process may have some 1000 of them",
-    )
+def _cylinder(figure: Figure) -> dict[str, Any]:
+    """Return pybullet's arguments for a person's hull."""
+    return {
+        "shapeType": pybullet.GEOM_CYLINDER,
+        "radius": PERSON_RADIUS,
+        "height": figure.height,
+        "collisionFramePosition": (0.0, 0.0, figure.height / 2),
+    }
 
 
 def leg_swings(phases: Array, paces: Array) -> Array:

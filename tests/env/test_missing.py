@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("module", ["pybullet", "gymnasium", "scipy", "torch"])
+@pytest.mark.parametrize("module", ["pybullet", "numba", "gymnasium", "scipy", "torch"])
 def test_a_missing_extra_gives_one_line_that_names_it(module):
     code = (
         f"import sys; sys.modules['{module}'] = None; sys.argv = ['aeb', 'demo']\n"

@@ -84,7 +84,7 @@ def test_weights_are_found_where_the_environment_or_an_argument_says(network, co
 @pytest.mark.parametrize("network", NETWORKS)
 def test_weights_for_frames_of_another_renderer_are_refused(network, copied):
     change_card(copied / f"{network}.json", renderer="another one")
-    with pytest.raises(UsageError, match="knows frames of another one, not of pybullet"):
+    with pytest.raises(UsageError, match="knows frames of another one, not of street rasteriser"):
         NETWORKS[network](copied)
 
 

@@ -41,7 +41,7 @@ def failing(*_, **__):
 @pytest.mark.parametrize("connect", [lambda *_: -1, failing], ids=["refused", "raises"])
 def test_a_renderer_that_does_not_start_is_an_error(monkeypatch, connect):
     monkeypatch.setattr(pybullet, "connect", connect)
-    with pytest.raises(UsageError, match="renderer does not start"):
+    with pytest.raises(UsageError, match="does not start"):
         OccludedCrossing(**LIGHT)
 
 

@@ -17,7 +17,7 @@ def test_every_stage_is_reported(monkeypatch):
     assert done.exit_code == 0, done.output
     figures = json.loads(done.stdout)
     stages = {
-        "bare_frame",
+        "tiny_renderer",
         "camera",
         "segmenter",
         "entities_and_facts",
@@ -26,7 +26,7 @@ def test_every_stage_is_reported(monkeypatch):
         "step",
     }
     assert stages == {name.removesuffix("_ms") for name in figures if name.endswith("_ms")}
-    others = {"entities_in_view", "step_over_bare_frame", "worker_mb"}
+    others = {"entities_in_view", "step_over_tiny_renderer", "worker_mb"}
     others |= {f"training_steps_per_second_{source}" for source in ("simulator", "unet")}
     others |= {f"truth_steps_per_second_{traffic}" for traffic in ("low", "high")}
     assert others == {name for name in figures if not name.endswith("_ms")}

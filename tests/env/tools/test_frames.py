@@ -71,7 +71,7 @@ def test_frames_show_what_is_to_be_learnt(street_of):
 
 def test_the_card_says_where_the_frames_come_from(rendered):
     card = json.loads((rendered / "frames.json").read_text())
-    assert card["renderer"] == "pybullet TinyRenderer"
+    assert card["renderer"] == "street rasteriser"
     assert card["camera"] == {"size": 224, "fov": 50.0, "height": 1.5}
     assert card["seeds"] == [SEED, SEED]
     assert card["command"] == "aeb frames test --frames 10 --pairs"
