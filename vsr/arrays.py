@@ -26,7 +26,7 @@ def checked_array(
     Raises:
         UsageError: it is no array of numpy, or of another type or shape.
     """
-    if isinstance(array, np.ndarray) and np.issubdtype(array.dtype, kind):
+    if isinstance(array, np.ndarray) and issubclass(array.dtype.type, kind):
         sides = zip(array.shape, shape, strict=False)
         alike = (side > 0 if isinstance(wanted, str) else side == wanted for side, wanted in sides)
         if array.ndim == len(shape) and all(alike):

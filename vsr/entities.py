@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 Area = tuple[slice, slice]
 
 _SUM_TOLERANCE = 1e-3
+_BY_EDGES = ndimage.generate_binary_structure(rank=2, connectivity=1)
 
 
 class Direction(StrEnum):
@@ -145,7 +146,7 @@ def class_map(scene: NDArray[Any]) -> ClassMap:
     Raises:
         UsageError: the array is neither of the two.
     """
-    if getattr(scene, "dtype", None) == np.uint8:
+    if is_class_map(scene):
         return checked_classes(scene)
     _check_probabilities(scene)
     best = scene[0].copy()
@@ -159,7 +160,7 @@ def class_map(scene: NDArray[Any]) -> ClassMap:
 
 
 def find_entities(
-    probabilities: NDArray[np.floating[Any]],
+    scene: NDArray[Any],
     minimum_area: int = 1,
     classes: ClassMap | None = None,
 ) -> tuple[Entity, ...]:
@@ -170,7 +171,8 @@ def find_entities(
     that something in front of it cuts apart.
 
     Args:
-        probabilities: float32 (28, H, W), summing to one over the first axis.
+        scene: float32 (28, H, W), probabilities that sum to one over the first axis; or uint8
+            (H, W), a class map, whose entities have the confidence 1.
         minimum_area: how many pixels an entity has at least.
         classes: uint8 (H, W), the `class_map` of the probabilities where it is at hand.
 
@@ -187,28 +189,32 @@ def find_entities(
         raise UsageError(
             f"minimum_area is {minimum_area}", name="minimum_area", suggestion="an integer, ≥ 1"
         )
-    shape = (CLASS_COUNT, "H", "W")
-    checked_array(probabilities, np.floating, shape, "probabilities")
-    labels = class_map(probabilities) if classes is None else checked_classes(classes)
-    if probabilities.shape[1:] != labels.shape:
+    certain = is_class_map(scene)
+    if certain:
+        checked_classes(scene)
+    else:
+        checked_array(scene, np.floating, (CLASS_COUNT, "H", "W"), "probabilities")
+    labels = class_map(scene) if classes is None else checked_classes(classes)
+    if scene.shape[-2:] != labels.shape:
         raise UsageError(
-            f"the class map {labels.shape} does not belong to the map {probabilities.shape}",
+            f"the class map {labels.shape} does not belong to the map {scene.shape}",
             name="classes",
         )
     return tuple(
         entity
         for kind in ENTITY_CLASSES
-        for entity in _entities_of(kind, labels, probabilities[kind], minimum_area)
+        for entity in _entities_of(kind, labels, None if certain else scene[kind], minimum_area)
     )
 
 
 def _entities_of(
     kind: SemanticClass,
     labels: ClassMap,
-    layer: NDArray[np.floating[Any]],
+    layer: NDArray[np.floating[Any]] | None,
     minimum_area: int,
 ) -> Iterator[Entity]:
-    clusters = _clusters(labels == kind)
+    """Yield the entities of one class; without a layer of probabilities it is certain of them."""
+    clusters = _clusters(labels == kind.value)
     if kind is SemanticClass.CROSSWALK:
         clusters = _merge_row_bands(clusters)
     large = [(box, mask) for box, mask in clusters if np.count_nonzero(mask) >= minimum_area]
@@ -217,25 +223,27 @@ def _entities_of(
         yield Entity(
             name=f"{kind.name.lower()}{number}",
             kind=kind,
-            confidence=_mean_probability(layer[box.area][mask]),
+            confidence=1.0 if layer is None else _mean_probability(layer[box.area][mask]),
             box=box,
             mask=mask,
         )
 
 
 def _clusters(layer: Mask) -> list[tuple[Box, Mask]]:
+    # Labelling only where there are any pixels saves most of the time.
     rows = np.flatnonzero(layer.any(axis=1))
     if not rows.size:
         return []
-    # Labelling only the rows that have any pixel saves most of the time.
-    top = int(rows[0])
-    numbered, _ = ndimage.label(layer[top : rows[-1] + 1])
+    top, bottom = int(rows[0]), int(rows[-1]) + 1
+    columns = np.flatnonzero(layer[top:bottom].any(axis=0))
+    left, right = int(columns[0]), int(columns[-1]) + 1
+    numbered, _ = ndimage.label(layer[top:bottom, left:right], _BY_EDGES)
     return [
         (
-            Box(top + area[0].start, area[1].start, top + area[0].stop, area[1].stop),
-            numbered[area] == number,
+            Box(top + down.start, left + across.start, top + down.stop, left + across.stop),
+            numbered[down, across] == number,
         )
-        for number, area in enumerate(ndimage.find_objects(numbered), start=1)
+        for number, (down, across) in enumerate(ndimage.find_objects(numbered), start=1)
     ]
 
 
@@ -269,6 +277,11 @@ def _mean_probability(probabilities: NDArray[np.floating[Any]]) -> float:
     # The paper's τ̂_c = 1/|R_c| Σ σ(p); rounding may lift a mean of ones above one.
     mean = float(probabilities.mean(dtype=np.float64))
     return min(mean, 1.0) if mean <= 1.0 + _SUM_TOLERANCE else mean
+
+
+def is_class_map(scene: NDArray[Any]) -> bool:
+    """Tell a class map, uint8, from probabilities, which are floats."""
+    return bool(getattr(scene, "dtype", None) == np.uint8)
 
 
 def checked_classes(classes: NDArray[Any]) -> ClassMap:

@@ -8,6 +8,7 @@ corner, so that a pixel reaches from its index to the next.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,11 +16,10 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from sfol.facts import Bound, Facts
 from vsr.classes import CLASS_COUNT, DYNAMIC_CLASSES, SemanticClass
-from vsr.entities import Area, ClassMap, Direction, Entity, check_within, class_map
+from vsr.entities import Area, ClassMap, Direction, Entity, Mask, check_within, class_map
 from vsr.grounding import Camera, SegmentationGrounding, UnratedPredicate
 
 FloatArray = NDArray[np.floating[Any]]
@@ -314,12 +314,20 @@ def ground_of(person: Entity, classes: ClassMap, window: int) -> SemanticClass |
     """
     area = _feet(person, classes.shape[0], window)
     seen = classes[area]
-    rows = area[0].start + np.arange(len(seen)) + 0.5
-    weights = 0.5 ** np.abs(rows - person.bottom)
-    shares = np.bincount(seen.ravel(), np.repeat(weights, seen.shape[1]), minlength=CLASS_COUNT)
-    evidence = {ground: shares[list(members)].sum() for ground, members in _GROUNDS.items()}
+    weights = _row_weights(person.bottom - area[0].start, *seen.shape)
+    shares = np.bincount(seen.ravel(), weights, minlength=CLASS_COUNT).tolist()
+    evidence = {
+        ground: sum(shares[member] for member in members) for ground, members in _GROUNDS.items()
+    }
     best = max(evidence, key=evidence.__getitem__)
     return best if evidence[best] > 0 else None
+
+
+@lru_cache(maxsize=1024)  # people have few widths
+def _row_weights(feet: int, rows: int, columns: int) -> FloatArray:
+    """Return the weight of each pixel of a window, float64 (rows·columns,); `feet` is a row."""
+    weights: FloatArray = 0.5 ** np.abs(np.arange(rows) + 0.5 - feet)
+    return np.repeat(weights, columns)
 
 
 def _feet(person: Entity, height: int, window: int) -> Area:
@@ -355,16 +363,15 @@ class _Numbered:
 
     def within(self, *areas: Area) -> dict[Entity, int]:
         """Return who has how many pixels in some areas, which may reach beyond the map."""
-        return self.counted(*(self.numbers[area].ravel() for area in areas))
+        return self.counted(*[self.numbers[area] for area in areas])
 
     def counted(self, *pixels: NDArray[np.int32]) -> dict[Entity, int]:
         """Return who has how many of some pixels, in the entities' order."""
-        some = [part[part > 0] for part in pixels]
-        if not any(part.size for part in some):
+        seen = [part[part > 0] for part in pixels if np.count_nonzero(part)]
+        if not seen:
             return {}
-        found, counts = np.unique(np.concatenate(some), return_counts=True)
-        pairs = zip(found.tolist(), counts.tolist(), strict=True)
-        return {self.entities[number - 1]: count for number, count in pairs}
+        counts = Counter(np.concatenate(seen).tolist())
+        return {self.entities[number - 1]: counts[number] for number in sorted(counts)}
 
 
 class MapEvidence:
@@ -452,12 +459,21 @@ def _before_person(vehicles: _Numbered, person: Entity) -> dict[Entity, int]:
     top, left, bottom, right = person.box
     first_row, first_column = max(top - 1, 0), max(left - 1, 0)
     around = vehicles.numbers[first_row : bottom + 1, first_column : right + 1]
-    if not around.any():
+    if not np.count_nonzero(around):
         return {}
-    touched = ndimage.binary_dilation(np.pad(person.mask, 1))
+    touched = _and_neighbours(person.mask)
     touched = touched[first_row - (top - 1) :, first_column - (left - 1) :]
     touched = touched[: around.shape[0], : around.shape[1]]
     return _closer(vehicles.counted(around[touched]), person.bottom)
+
+
+def _and_neighbours(mask: Mask) -> Mask:
+    """Return the pixels of a mask (h, w) and all that touch them, bool (h + 2, w + 2)."""
+    height, width = mask.shape
+    grown = np.zeros((height + 2, width + 2), np.bool_)
+    for down, right in ((1, 1), (0, 1), (2, 1), (1, 0), (1, 2)):
+        grown[down : down + height, right : right + width] |= mask
+    return grown
 
 
 def _closer(found: Mapping[Entity, int], row: float) -> dict[Entity, int]:

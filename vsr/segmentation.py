@@ -1,4 +1,4 @@
-"""Segmenters: camera frames in, class probabilities out, one protocol for all of them."""
+"""Segmenters: camera frames in, segmentation maps out, one protocol for all of them."""
 
 from __future__ import annotations
 
@@ -40,12 +40,13 @@ class Frame:
 class Segmenter(Protocol):
     """Anything that turns frames into segmentation maps."""
 
-    def __call__(self, frames: Sequence[Frame]) -> NDArray[np.float32]:
+    def __call__(self, frames: Sequence[Frame]) -> NDArray[np.float32] | NDArray[np.uint8]:
         """Segment a batch of B frames.
 
         Returns:
             float32 (B, 28, H, W), per-pixel class probabilities that sum to one over axis 1
-            (paper, section "Semantic Segmentation Maps").
+            (paper, section "Semantic Segmentation Maps"); or, from a segmenter that is certain,
+            uint8 (B, H, W), the `SemanticClass` of each pixel.
         """
         ...
 
@@ -72,25 +73,23 @@ def check_alike(frames: Sequence[Frame], who: str) -> None:
 
 
 class SimulatorSegmenter:
-    """The simulator's own class map as one-hot probabilities.
+    """The simulator's own class map, which is certain.
 
     It goes through the same code as a network's output, so that nothing but the segmenter differs.
     """
 
-    def __call__(self, frames: Sequence[Frame]) -> NDArray[np.float32]:
-        """Return the frames' class maps, float32 (B, 28, H, W), one-hot over axis 1.
+    def __call__(self, frames: Sequence[Frame]) -> NDArray[np.uint8]:
+        """Return the frames' class maps, uint8 (B, H, W).
 
         Raises:
             UsageError: there are no frames, they differ in size, or a class has no such number.
         """
         check_alike(frames, "a segmenter")
-        labels = np.stack([frame.classes for frame in frames])
-        if labels.max() >= CLASS_COUNT:
+        classes = np.stack([frame.classes for frame in frames])
+        if classes.max() >= CLASS_COUNT:
             raise UsageError(
-                f"a frame has the class {labels.max()}",
+                f"a frame has the class {classes.max()}",
                 name="classes",
                 suggestion=f"classes are 0 to {CLASS_COUNT - 1}",
             )
-        channels = np.arange(CLASS_COUNT, dtype=labels.dtype)[:, None, None]
-        one_hot: NDArray[np.float32] = (labels[:, None] == channels).astype(np.float32)
-        return one_hot
+        return classes

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 import sfol
@@ -54,7 +54,7 @@ class ScenePipeline:
 
     Args:
         rules: a knowledge base, the path of one, or the name of a bundled one.
-        segmenter: makes class probabilities of frames; the simulator's own by default.
+        segmenter: makes segmentation maps of frames; the simulator's own by default.
 
     Attributes:
         kb: the knowledge base.
@@ -77,7 +77,7 @@ class ScenePipeline:
 
     def perceive(self, frames: Sequence[Frame]) -> list[Scene]:
         """Return the scene of each frame; the segmenter runs once for all of them."""
-        return [self._read(probabilities) for probabilities in self._segmenter(frames)]
+        return [self._read(segmented) for segmented in self._segmenter(frames)]
 
     def scene(
         self, entities: tuple[Entity, ...], facts: sfol.Facts, classes: ClassMap | None = None
@@ -85,8 +85,8 @@ class ScenePipeline:
         """Return the scene of what was seen; this is where its conclusions are drawn, once."""
         return Scene(entities, facts, self.reward.conclude(facts), classes)
 
-    def _read(self, probabilities: NDArray[np.float32]) -> Scene:
-        classes = class_map(probabilities)
-        entities = find_entities(probabilities, self.grounding.minimum_area, classes)
+    def _read(self, segmented: NDArray[Any]) -> Scene:
+        classes = class_map(segmented)
+        entities = find_entities(segmented, self.grounding.minimum_area, classes)
         facts = scene_facts(entities, classes, self.grounding, self.reward.facts(), self.kb.subject)
         return self.scene(entities, facts, classes)

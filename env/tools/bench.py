@@ -19,11 +19,10 @@ from env.street.crossing import OccludedCrossing
 from env.world.camera import DashCamera
 from env.world.cells import Cell, Traffic
 from sfol.tools.bench import median
-from vsr.entities import class_map, find_entities
+from vsr.entities import find_entities
 from vsr.facts import scene_facts
 from vsr.hypervectors.codebook import Codebook
 from vsr.hypervectors.descriptor import SceneDescriptor
-from vsr.segmentation import SimulatorSegmenter
 
 _BRAKE = np.array([-1.0], np.float32)
 _STRETCH = 100  # steps that are timed together, so that an episode's reset has its share
@@ -122,18 +121,11 @@ def _stages(street: OccludedCrossing) -> dict[str, Any]:
     frame, position = street.frame, street.ego.position
     tiny = DashCamera(street.world, street.lens, "tiny")
     grounding = street.pipeline.grounding
-    segmenter = SimulatorSegmenter()
-    (probabilities,) = segmenter([frame])
-    classes = class_map(probabilities)
-    entities = find_entities(probabilities, grounding.minimum_area, classes)
+    classes = frame.classes
+    entities = find_entities(classes, grounding.minimum_area)
     facts = scene_facts(entities, classes, grounding, street.pipeline.reward.facts())
     descriptor = SceneDescriptor(Codebook(), grounding)
     signals = {"v": 6.0, "v_next": 5.5, "d": 9.0}
-
-    def perceive() -> None:
-        seen = class_map(probabilities)
-        found = find_entities(probabilities, grounding.minimum_area, seen)
-        scene_facts(found, seen, grounding, street.pipeline.reward.facts())
 
     def describe() -> None:
         with torch.inference_mode():
@@ -142,8 +134,7 @@ def _stages(street: OccludedCrossing) -> dict[str, Any]:
     stages: dict[str, Callable[[], object]] = {
         "tiny_renderer_ms": lambda: tiny.capture(position),
         "camera_ms": lambda: street.camera.capture(position),
-        "segmenter_ms": lambda: segmenter([frame]),
-        "entities_and_facts_ms": perceive,
+        "perception_ms": lambda: street.pipeline.perceive([frame]),
         "reward_ms": lambda: street.pipeline.reward.evaluate(facts, **signals),
         "descriptor_ssi_ms": describe,
         "step_ms": lambda: street.step(_BRAKE),  # a car that stands can go on for 60 s

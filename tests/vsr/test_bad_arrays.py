@@ -49,6 +49,8 @@ CALLS = {
     "class_map of classes": (class_map, CLASSES),
     "find_entities": (find_entities, SCENE),
     "find_entities, classes": (lambda a: find_entities(SCENE, 1, a), CLASSES),
+    "find_entities of a class map": (find_entities, CLASSES),
+    "find_entities of a known class map": (lambda a: find_entities(a, 1, CLASSES), CLASSES),
     "find_entities of known classes": (lambda a: find_entities(a, 1, CLASSES), SCENE),
     "scene_facts": (lambda a: scene_facts(ENTITIES, a, GROUNDING, Facts()), CLASSES),
     "layout": (lambda a: DESCRIPTOR.layout(ENTITIES, a), CLASSES),
@@ -104,6 +106,8 @@ RIGHT_ELSEWHERE = {
     ("class_map of classes", "longer"),
     ("find_entities", "cut"),
     ("find_entities", "longer"),
+    ("find_entities of a class map", "cut"),
+    ("find_entities of a class map", "longer"),
     ("scene_facts", "longer"),  # the entities are within a larger map, too
     ("layout", "longer"),
     ("ssi", "longer"),

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from sfol.facts import Facts
 from tests.vsr.painting import GROUNDING, HORIZON, SIZE, Painting, atoms, street
-from vsr.classes import CLASS_COUNT, SemanticClass
+from vsr.classes import CLASS_COUNT, ENTITY_CLASSES, SemanticClass
 from vsr.entities import Direction, find_entities
 from vsr.facts import MapEvidence, Pinhole, of_kind, scene_facts
 from vsr.grounding import Camera, SegmentationGrounding
@@ -473,3 +474,37 @@ def test_twice_the_noise_is_hardly_more_than_twice_the_work():
     assert work[0] > 1000
     assert work[1] <= 2.5 * work[0]
     assert work[2] <= 2.5 * work[1]
+
+
+def _same_scene(classes: np.ndarray, minimum_area: int) -> None:
+    one_hot = np.eye(CLASS_COUNT, dtype=np.float32)[classes].transpose(2, 0, 1).copy()
+    certain, probable = find_entities(classes, minimum_area), find_entities(one_hot, minimum_area)
+    assert [_whole(entity) for entity in certain] == [_whole(entity) for entity in probable]
+    assert {entity.confidence for entity in certain} <= {1.0}
+    read = [
+        scene_facts(entities, scene, GROUNDING, Facts())
+        for entities, scene in ((certain, classes), (probable, one_hot))
+    ]
+    assert list(read[0].items()) == list(read[1].items())
+
+
+def _whole(entity):
+    return entity.name, entity.kind, entity.confidence, entity.box, entity.mask.tolist()
+
+
+_SEEN = [SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE, *ENTITY_CLASSES]
+
+
+@given(
+    arrays(np.uint8, (20, 28), elements=st.sampled_from(_SEEN).map(int)),
+    st.sampled_from([1, 2, 5]),
+    st.sampled_from([1, 4, 9]),
+)
+def test_a_class_map_says_what_its_certain_probabilities_say(drawn, coarseness, minimum_area):
+    _same_scene(np.kron(drawn, np.ones((coarseness, coarseness), np.uint8)), minimum_area)
+
+
+@pytest.mark.parametrize("kinds", [range(CLASS_COUNT), _SEEN])
+def test_a_class_map_of_noise_says_what_its_certain_probabilities_say(kinds):
+    rng = np.random.default_rng(0)
+    _same_scene(rng.choice(np.array(kinds, np.uint8), (SIZE, SIZE)), 1)

@@ -20,7 +20,7 @@ from vsr.hypervectors.codebook import Codebook
 from vsr.hypervectors.descriptor import SceneDescriptor
 from vsr.networks.autoencoder import Autoencoder
 from vsr.networks.inference import Runner, default_device, stack_gray, to_gray, to_input
-from vsr.segmentation import Frame, SimulatorSegmenter
+from vsr.segmentation import Frame
 from vsr.training.autoencoder import psnr
 from vsr.training.loop import batches
 
@@ -123,8 +123,7 @@ def _compare(first: Tensor, second: Tensor, bodies: list[int], later: list[int])
 
 
 def _moving(frame: Frame, grounding: SegmentationGrounding) -> list[Entity]:
-    (probabilities,) = SimulatorSegmenter()([frame])
-    entities = find_entities(probabilities, grounding.minimum_area, frame.classes)
+    entities = find_entities(frame.classes, grounding.minimum_area)
     return [entity for entity in entities if entity.kind in DYNAMIC_CLASSES]
 
 

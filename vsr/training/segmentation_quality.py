@@ -21,7 +21,7 @@ from vsr.classes import DESCRIPTOR_CLASSES, DYNAMIC_CLASSES
 from vsr.entities import ClassMap, class_map, find_entities
 from vsr.facts import Pinhole, scene_facts
 from vsr.grounding import SegmentationGrounding
-from vsr.segmentation import Frame, Segmenter, SimulatorSegmenter
+from vsr.segmentation import Frame, Segmenter
 
 BANDS = ((0.0, 15.0), (15.0, 30.0), (30.0, 45.0), (45.0, np.inf))
 BAND_NAMES = ("0-15 m", "15-30 m", "30-45 m", "beyond")
@@ -60,8 +60,8 @@ def count(
     """
     for start in range(0, len(frames), _BATCH):
         batch = frames[start : start + _BATCH]
-        for frame, probabilities in zip(batch, segmenter(batch), strict=True):
-            yield _count_frame(frame, probabilities, grounding)
+        for frame, segmented in zip(batch, segmenter(batch), strict=True):
+            yield _count_frame(frame, segmented, grounding)
 
 
 def total(counts: Iterable[SegmentationCounts]) -> SegmentationCounts:
@@ -122,10 +122,10 @@ def _share(part: int, rest: int) -> float:
 
 
 def _count_frame(
-    frame: Frame, probabilities: NDArray[np.float32], grounding: SegmentationGrounding
+    frame: Frame, segmented: NDArray[Any], grounding: SegmentationGrounding
 ) -> SegmentationCounts:
     pinhole = Pinhole.of(grounding.camera, frame.classes.shape)
-    found = class_map(probabilities)
+    found = class_map(segmented)
     shape = len(DESCRIPTOR_CLASSES), len(BANDS)
     both, missed, invented = (np.zeros(shape, np.int64) for _ in range(3))
     by_row = np.array([_band(pinhole.distance(row + 0.5)) for row in range(found.shape[0])])
@@ -141,8 +141,8 @@ def _count_frame(
         both[i] = _histogram(true_bands[truth & seen])
         missed[i] = _histogram(true_bands[truth & ~seen])
         invented[i] = _histogram(seen_bands[seen & ~truth])
-    true_facts = _predicates(SimulatorSegmenter()([frame])[0], frame.classes, grounding)
-    seen_facts = _predicates(probabilities, found, grounding)
+    true_facts = _predicates(frame.classes, frame.classes, grounding)
+    seen_facts = _predicates(segmented, found, grounding)
     facts = {
         predicate: [
             int(predicate in true_facts and predicate in seen_facts),
@@ -174,8 +174,8 @@ def _histogram(bands: NDArray[np.int64]) -> Counts:
 
 
 def _predicates(
-    probabilities: NDArray[np.float32], classes: ClassMap, grounding: SegmentationGrounding
+    segmented: NDArray[Any], classes: ClassMap, grounding: SegmentationGrounding
 ) -> set[str]:
-    entities = find_entities(probabilities, grounding.minimum_area, classes)
+    entities = find_entities(segmented, grounding.minimum_area, classes)
     facts = scene_facts(entities, classes, grounding, Facts())
     return set(facts.predicates())
