@@ -157,7 +157,7 @@ class _Learner:
         self._observations: list[Array] = []
         self._pedals: list[Array] = []
         self._now: Any = streets.reset()
-        self._shown = _shown(streets.reset_infos)
+        self._shown = _shown(streets.unwrapped.reset_infos)  # wrappers do not pass them on
 
     @property
     def seen(self) -> int:
@@ -184,7 +184,7 @@ class _Learner:
             pedals.append(self._shown)
             action = self._shown if teacher else self.act(self._now)
             self._now, _, dones, infos = self._streets.step(action)
-            started = self._streets.reset_infos
+            started = self._streets.unwrapped.reset_infos
             now = [started[i] if done else infos[i] for i, done in enumerate(dones)]
             self._shown = _shown(now)
             progress(before + (step + 1) * self._streets.num_envs, f"{who} drives")
