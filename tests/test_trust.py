@@ -16,12 +16,15 @@ CALLS = {
     r"torch\.(jit|package|hub)\.": None,
     r"np\.(load|save\w*)\(.*allow_pickle=True": None,
     r"pd\.read_pickle\(": None,
-    r"(PPO|BaseAlgorithm|ActorCriticPolicy|\w*PPO)\.load\(": None,
+    r"(BaseAlgorithm|ActorCriticPolicy|\w*PPO|VecNormalize|getattr\(.*\))\.load\(": None,
     r"model\.save\(": None,
     r".*\bshell=True": None,
 }
 # Policies of stable-baselines3 are pickles; `--trust` stands before them.
-TRUSTED = {("env.driving.policies", "PPO.load(path, device='cpu')")}
+TRUSTED = {
+    ("env.driving.pickled_policies", "getattr(package, algorithm.name).load(path, device='cpu')"),
+    ("env.driving.pickled_policies", "VecNormalize.load(str(file), nowhere)"),
+}
 
 
 # Files are read through sfol.reading and written through sfol.writing, which yields a `part`.
@@ -41,6 +44,7 @@ OPEN_THEMSELVES = {
     },
     "vsr.tensor_files": {"stack.enter_context(replacing(path)).write_bytes(content)"},
     "env.study.figures.style": {"Image.open(drawn)"},  # in memory
+    "env.driving.pickled_policies": {"archive.open('data')"},  # in an archive that is open already
     "env.evaluation.parallel": {"os.open(os.devnull, os.O_WRONLY)"},
 }
 
@@ -97,6 +101,7 @@ def test_files_go_through_one_opener_and_one_writer(name):
         "torch.load(file)",
         "PPO.load(file)",
         "FinitePPO.load(file)",
+        "VecNormalize.load(file, streets)",
         "np.load(file, allow_pickle=True)",
         "yaml.load(text, Loader)",
         "subprocess.run(words, shell=True)",

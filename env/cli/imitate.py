@@ -11,7 +11,6 @@ from rich.table import Table
 
 from env.cli.app import app
 from env.cli.progress import counters
-from env.driving.drivers import DRIVERS
 from env.driving.setup import changed, load_setup, setup_names, training_name
 from sfol.cli.output import escaped
 
@@ -21,7 +20,9 @@ def imitate(  # noqa: PLR0913, PLR0917 (each is an option)
     setup: Annotated[
         str, typer.Option(help=f"A YAML file, or one of {', '.join(setup_names())}.")
     ] = "add",
-    teacher: Annotated[str, typer.Option(help=f"One of {', '.join(DRIVERS)}.")] = "cautious",
+    teacher: Annotated[
+        str, typer.Option(help="A scripted driver, such as cautious or oracle.")
+    ] = "cautious",
     rounds: Annotated[int, typer.Option(min=1, help="Of driving and learning.")] = 8,
     decisions: Annotated[int, typer.Option(min=64, help="In a round.")] = 4096,
     observation: Annotated[

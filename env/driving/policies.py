@@ -9,21 +9,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
 
 from env.driving.drivers import DRIVERS, Driver
+from env.driving.pickled_policies import PickledPolicyDriver
 from env.perception.weights_folder import WHERE_FROM, weights_folder
-from env.street.observation import ObservationKind, Observer, observer_of
 from env.street.view import StreetView
-from env.world.camera import DashCameraParameters
-from sfol.errors import UsageError, did_you_mean, missing_extra
+from sfol.errors import UsageError, did_you_mean
 from sfol.reading import opened
 
-_PROJECT = Path(__file__).resolve().parents[2]
 TRAINED = "trained"
 SUFFIX = ".safetensors"
 _PICKLE = ".zip"
-_KINDS: tuple[ObservationKind, ...] = ("image", "state")
 
 
 def policy_file(driver: str) -> Path | None:
@@ -43,17 +39,18 @@ def make_driver(name: str, *, trust: bool = False) -> Driver:
 
     Args:
         name: of a scripted driver; ``trained``; or the path of a policy file: the ``.safetensors``
-            that `aeb train` writes, or a ``.zip`` of stable-baselines3.
+            that `aeb train` writes, or a ``.zip`` of stable-baselines3 or sb3-contrib.
         trust: whether a ``.zip`` may lie outside the project's own folder.
 
     Raises:
         UsageError: there is no such driver, or the file can't be used or trusted.
-        MissingExtraError: stable-baselines3 is not installed.
+        MissingExtraError: a package is not installed that the policy needs.
     """
     file = policy_file(name)
     if file is not None and file.suffix == SUFFIX:
         return TrainedDriver(file)
     if file is not None:
+        check_exists(file)
         return PickledPolicyDriver(file, trust=trust)
     if name not in DRIVERS:
         raise UsageError(
@@ -121,35 +118,6 @@ class TrainedDriver:
         return np.concatenate(self._last)
 
 
-class PickledPolicyDriver:
-    """Drives as a policy of stable-baselines3 says, without chance, by what it was trained on.
-
-    Args:
-        path: a policy file (``.zip``) that stable-baselines3's PPO has saved.
-        trust: whether the file may lie outside the project's own folder. Loading one runs whatever
-            code was put into it.
-
-    Raises:
-        UsageError: there is no such file, it is not trusted, it is no policy, or its spaces are
-            not those of the street.
-        MissingExtraError: stable-baselines3 is not installed.
-    """
-
-    def __init__(self, path: Path, *, trust: bool = False) -> None:
-        _check_file(path, trust)
-        self._policy = _load(path)
-        self._observer = _observer_for(self._policy.observation_space, path)
-        _check_actions(self._policy.action_space, path)
-
-    def reset(self) -> None:
-        """Do nothing: the policy has no memory."""
-
-    def __call__(self, street: StreetView) -> float:
-        """Return the policy's most likely action."""
-        action, _ = self._policy.predict(self._observer(street), deterministic=True)
-        return float(np.asarray(action).ravel()[0])
-
-
 def check_exists(path: Path) -> None:
     """Refuse a policy file that is not there.
 
@@ -160,64 +128,3 @@ def check_exists(path: Path) -> None:
         missing = f"there is no policy file '{path}'"
         shipped = path == policy_file(TRAINED)
         raise UsageError(missing, name=str(path), suggestion=WHERE_FROM if shipped else None)
-
-
-def _check_file(path: Path, trust: bool) -> None:
-    check_exists(path)
-    # A link that leads out of the project is outside.
-    if not trust and not _in_project(path.resolve()):
-        raise UsageError(
-            f"'{path}' is not in the project's folder, and loading a policy file runs the code in "
-            "it, since it is a pickle",
-            name=str(path),
-            suggestion="--trust, if you know where it comes from",
-        )
-
-
-def _in_project(path: Path) -> bool:
-    # Installed elsewhere there is no checkout, and so no folder of the project's own.
-    return (_PROJECT / "pyproject.toml").is_file() and path.is_relative_to(_PROJECT)
-
-
-def _load(path: Path) -> Any:
-    try:
-        from stable_baselines3 import PPO  # noqa: PLC0415  (slow, and few need it)
-    except ImportError:
-        raise missing_extra(
-            "stable-baselines3", "policies in .zip files need it", extra="aeb", python="3.11"
-        ) from None
-    try:
-        return PPO.load(path, device="cpu").policy
-    except Exception as error:  # unpickling can raise anything
-        raise UsageError(
-            f"'{path}' is no policy of stable-baselines3's PPO: {error}", name=str(path)
-        ) from None
-
-
-def _observer_for(space: spaces.Space[Any], path: Path) -> Observer:
-    side = DashCameraParameters().size
-    observers = {kind: observer_of(kind, side) for kind in _KINDS}
-    for observer in observers.values():
-        if space in (observer.space, _channels_first(observer.space)):
-            return observer
-    known = "; ".join(f"{kind}: {observer.space}" for kind, observer in observers.items())
-    raise UsageError(
-        f"'{path}' was trained on observations {space}, which the street does not give",
-        name=str(path),
-        suggestion=f"known are {known}; what aeb train writes, .safetensors, drives by more",
-    )
-
-
-def _channels_first(space: spaces.Space[Any]) -> spaces.Space[Any]:
-    """Return an image space as stable-baselines3 turns it for its networks."""
-    if space.shape is None or len(space.shape) != 3:
-        return space
-    return spaces.Box(0, 255, (space.shape[2], *space.shape[:2]), np.uint8)
-
-
-def _check_actions(space: spaces.Space[Any], path: Path) -> None:
-    if not isinstance(space, spaces.Box) or space.shape != (1,):
-        raise UsageError(
-            f"'{path}' chooses actions {space}, but a pedal is one number in [-1, 1]",
-            name=str(path),
-        )

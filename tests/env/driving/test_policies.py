@@ -1,17 +1,20 @@
 """Policy files drive by the observation that they were trained on, and only if they are trusted."""
 
+import pickle
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from gymnasium import spaces
-from stable_baselines3 import PPO
+from stable_baselines3 import A2C, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from env.driving import policies
-from env.driving.policies import PickledPolicyDriver, file_hash, make_driver
+from env.driving import pickled_policies, policies
+from env.driving.pickled_policies import PickledPolicyDriver
+from env.driving.policies import file_hash, make_driver
 from env.driving.policy_files import PolicyFile
-from env.driving.setup import load_setup, training_name
+from env.driving.setup import training_name
 from env.street.crossing import OccludedCrossing
 from env.street.observation import observer_of
 from env.study.study_results import StudyFolder
@@ -20,19 +23,11 @@ from sfol.errors import SfolError
 from tests.env.spaces import PEDAL, Spaces
 
 
-def test_the_projects_own_policy_is_what_setups_and_results_say():
+def test_the_projects_own_policy_is_what_results_say():
     file = policies.policy_file(policies.TRAINED)
-    setups = Path(__file__).parents[3] / "setups" / "shipped"
     card = PolicyFile(file).card()
-    assert card.setup == load_setup(setups / "add.yaml")
-    first = load_setup(setups / "add_first.yaml")
-    assert (
-        card.setup.start == f"runs/train/{training_name(first.name, first.seed)}/policy.safetensors"
-    )
-    study = StudyFolder(setups.parents[1] / "results" / "study")
-    name = training_name(card.setup.name, card.setup.seed)
-    assert study.training(name).setup_hash == card.setup.hash
-    assert study.training(f"{first.name}-seed0").policy == card.start_hash
+    study = StudyFolder(Path(__file__).parents[3] / "results" / "study")
+    name = training_name(card.training["name"], card.training["seed"])
     drives = [drive.settings for drive in study.drive_results() if drive.settings.driver == name]
     assert {(drive.traffic, drive.occlusion) for drive in drives} == set(CELLS)
     driven = {drive.policy for drive in drives} | {study.trajectory(name).policy}
@@ -59,7 +54,7 @@ def project(tmp_path_factory):
     folder = tmp_path_factory.mktemp("project")
     (folder / "pyproject.toml").touch()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(policies, "_PROJECT", folder)
+        patch.setattr(pickled_policies, "_PROJECT", folder)
         yield folder
 
 
@@ -77,6 +72,88 @@ def test_a_policy_gets_the_observation_that_it_was_trained_on(project, street, k
     driver.reset()
     assert driver(street) == pytest.approx(expected.item())
     assert -1.0 <= driver(street) <= 1.0
+
+
+def algorithms():
+    """Return every algorithm whose policies are read, with small networks and what it needs."""
+    small = {"net_arch": [4]}
+    yield pytest.param(PPO, "MlpPolicy", small, {}, id="PPO")
+    yield pytest.param(A2C, "MlpPolicy", small, {}, id="A2C")
+    yield pytest.param(SAC, "MlpPolicy", small, {"buffer_size": 1}, id="SAC")
+    yield pytest.param(TD3, "MlpPolicy", small, {"buffer_size": 1}, id="TD3")
+    contrib = pytest.importorskip("sb3_contrib")
+    yield pytest.param(contrib.TQC, "MlpPolicy", small, {"buffer_size": 1}, id="TQC")
+    recurrent = small | {"lstm_hidden_size": 3}
+    yield pytest.param(contrib.RecurrentPPO, "MlpLstmPolicy", recurrent, {}, id="RecurrentPPO")
+
+
+@pytest.mark.parametrize(("algorithm", "policy", "network", "options"), algorithms())
+def test_any_algorithm_s_policy_drives_and_remembers_what_it_should(
+    project, street, algorithm, policy, network, options
+):
+    path = project / f"{algorithm.__name__}.zip"
+    streets = Spaces(street.observation_space, PEDAL)
+    model = algorithm(policy, streets, policy_kwargs=dict(network), seed=1, **options)
+    model.save(path)
+    driver, observer = make_driver(str(path)), observer_of("state", side=224)
+    for _ in range(2):  # the second episode knows nothing of the first
+        driver.reset()
+        memory = None
+        for step in range(3):
+            action, memory = model.predict(
+                observer(street), memory, np.array([step == 0]), deterministic=True
+            )
+            assert driver(street) == pytest.approx(action.item(), abs=1e-6)
+
+
+def normalised(street, path, **options):
+    """Save a policy of which a step was learnt on normalised observations; return both."""
+    streets = VecNormalize(DummyVecEnv([lambda: Spaces(street.observation_space, PEDAL)]))
+    model = PPO("MlpPolicy", streets, n_steps=2, batch_size=2, n_epochs=1, seed=1)
+    model.learn(2)
+    streets.obs_rms.update(np.random.default_rng(0).normal(0.5, 0.2, (100, 45)))
+    model.save(path)
+    return model, streets
+
+
+@pytest.mark.parametrize(
+    "name", ["normal.pkl", "normal_vecnormalize.pkl", "vecnormalize.pkl"], ids=str
+)
+def test_a_policy_drives_by_observations_normalised_as_in_its_training(
+    project, street, tmp_path, name
+):
+    path = tmp_path / "normal.zip"
+    model, streets = normalised(street, path)
+    with pytest.raises(SfolError, match=r"VecNormalize had normalised.*is missing") as caught:
+        make_driver(str(path), trust=True)
+    assert name in caught.value.suggestion
+    streets.save(tmp_path / name)
+    observation = observer_of("state", side=224)(street)
+    expected, _ = model.predict(streets.normalize_obs(observation), deterministic=True)
+    driver = make_driver(str(path), trust=True)
+    assert driver(street) == pytest.approx(np.clip(expected.item(), -1.0, 1.0), abs=1e-6)
+    plain, _ = model.predict(observation, deterministic=True)
+    assert abs(plain.item() - expected.item()) > 1e-3
+
+
+def test_what_observations_were_normalised_by_is_trusted_no_more_than_the_policy(
+    project, street, tmp_path
+):
+    path = project / "linked.zip"
+    _, streets = normalised(street, path)
+    streets.save(tmp_path / "elsewhere.pkl")
+    (project / "linked.pkl").symlink_to(tmp_path / "elsewhere.pkl")
+    with pytest.raises(SfolError, match=r"linked\.pkl' is not in the project's folder"):
+        make_driver(str(path))
+
+
+@pytest.mark.parametrize("content", [b"no pickle", pickle.dumps([1])])
+def test_what_is_no_normalisation_is_an_error(project, street, content):
+    path = project / "spoilt.zip"
+    normalised(street, path)
+    path.with_suffix(".pkl").write_bytes(content)
+    with pytest.raises(SfolError, match=r"spoilt\.pkl' holds nothing that VecNormalize"):
+        make_driver(str(path))
 
 
 def test_a_policy_from_elsewhere_is_not_loaded_unless_trusted(project, state_policy, tmp_path):
@@ -98,7 +175,7 @@ def test_a_link_out_of_the_project_is_not_trusted(project, state_policy, tmp_pat
 
 
 def test_without_a_checkout_nothing_is_trusted(state_policy, monkeypatch):
-    monkeypatch.setattr(policies, "_PROJECT", state_policy.parents[1])
+    monkeypatch.setattr(pickled_policies, "_PROJECT", state_policy.parents[1])
     with pytest.raises(SfolError, match="not in the project's folder"):
         make_driver(str(state_policy))
 
