@@ -65,6 +65,28 @@ def agreement_command(
     )
 
 
+@app.command("renderers")
+def renderers_command(
+    *,
+    frames: Annotated[
+        int, typer.Option(min=1, help="Moments of held-out streets, rounded up to whole streets.")
+    ] = 60,
+    picture: Annotated[
+        Path | None, typer.Option(help="PNG file for a few moments, drawn by both.")
+    ] = None,
+    networks: Annotated[
+        bool, typer.Option(help="Judge the trained networks on both renderers' frames.")
+    ] = False,
+) -> None:
+    """Compare the street's renderer with pybullet's TinyRenderer: pixels, speed, networks.
+
+    Example: `aeb renderers --frames 240 --networks --picture runs/renderers.png`
+    """
+    from env.tools.renderers import print_comparison
+
+    print_comparison(frames=frames, picture=picture, networks=networks)
+
+
 @app.command("contact-sheet")
 def contact_sheet_command(
     output: Annotated[Path, typer.Argument(help="The PNG file, which is replaced.")],

@@ -68,7 +68,16 @@ def _segmenter(file: Path, modified: int, precision: Precision) -> UNetSegmenter
     return UNetSegmenter.load(file, precision)
 
 
-def _weights(network: str, folder: Path | None, camera: Camera | None, renderer: str) -> Path:
+def weights_file(network: str, folder: Path | None = None) -> Path:
+    """Return the file of a network's weights.
+
+    Args:
+        network: ``segmenter`` or ``autoencoder``.
+        folder: where the weights are; see `load_segmenter`.
+
+    Raises:
+        UsageError: there is none.
+    """
     file = (folder or weights_folder()) / f"{network}.safetensors"
     if not file.is_file():
         raise UsageError(
@@ -76,6 +85,11 @@ def _weights(network: str, folder: Path | None, camera: Camera | None, renderer:
             name=str(file),
             suggestion=f"{WHERE_FROM}; aeb networks {network} --help says how to train them",
         )
+    return file
+
+
+def _weights(network: str, folder: Path | None, camera: Camera | None, renderer: str) -> Path:
+    file = weights_file(network, folder)
     trained_on = read_card(file).trained_on
     if trained_on.renderer != renderer and not {trained_on.renderer, renderer} <= _ALIKE:
         raise UsageError(

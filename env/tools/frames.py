@@ -27,7 +27,7 @@ from sfol.locking import locked_folder
 from sfol.reading import content_of
 from sfol.writing import replacing
 from vsr.segmentation import Frame
-from vsr.training.frames import CARD, read_shard, write_shard
+from vsr.training.frames import CARD, FrameSet, read_shard, write_shard
 
 Split = Literal["train", "validation", "test"]
 
@@ -80,6 +80,18 @@ def render(
                 if not _is_complete(file):
                     write_shard(file, _columns(streets, part, pairs))
                 progress.update(task, completed=part.stop - first)
+
+
+def frame_set(seeds: range, *, pairs: bool, renderer: Renderer) -> FrameSet:
+    """Render frames of some streets, ten of each, and keep them in memory.
+
+    Args:
+        seeds: of the streets; cells take turns.
+        pairs: whether each is followed by the frame one control step later.
+        renderer: what draws them.
+    """
+    with _Streets(renderer) as streets:
+        return FrameSet(**_columns(streets, seeds, pairs), card={"renderer": RENDERERS[renderer]})
 
 
 def frames_of_street(

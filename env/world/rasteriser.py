@@ -11,7 +11,8 @@ Source: J. Pineda, "A parallel algorithm for polygon rasterization", SIGGRAPH 19
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +27,21 @@ except ImportError as error:
     raise missing_extra("numba", "the street's renderer needs it", extra="aeb") from error
 
 Array = npt.NDArray[np.float64]
+P = ParamSpec("P")
 
 _SLACK = 1e-5  # px by which triangles reach farther, so that no gap shows between two of them
 
 
 # Called, not inlined, functions of the inner loops would count references to all their arrays.
 _inlined = njit(error_model="numpy", inline="always")
+
+
+def _kept(function: Callable[P, None]) -> Callable[P, None]:
+    """Compile a function, and keep the code for later processes if some folder can be written."""
+    try:
+        return njit(error_model="numpy", cache=True)(function)
+    except RuntimeError:  # neither this folder nor the user's own for such files
+        return njit(error_model="numpy")(function)
 
 
 class View(NamedTuple):
@@ -132,7 +142,7 @@ def draw(
     return Frame(canvas.gray, canvas.classes, canvas.bodies)
 
 
-@njit(error_model="numpy", cache=True)
+@_kept
 def _draw(canvas: _Canvas, parts: _Parts, sun: _Sun, view: View) -> None:
     """Draw all parts; of two at the same depth, the one that was built later shows."""
     triangles, pose = parts.triangles, np.empty((3, 4))
