@@ -16,7 +16,7 @@ from sfol.errors import SfolError, UsageError
 from sfol.locking import locked_folder
 
 SETUP = {
-    "version": 1,
+    "version": 2,
     "name": "small",
     "observation": "state",
     "perception": "truth",

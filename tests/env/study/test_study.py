@@ -17,8 +17,9 @@ from env.study.study_results import StudyFolder
 from env.world.cells import Cell
 
 SMALL = {
-    "version": 1,
+    "version": 2,
     "name": "small",
+    "decision_steps": 1,
     "stages": [{"steps": 48, "traffic": ["low"], "occlusion": ["partial"]}],
     "streets": 1,
     "evaluation_episodes": 1,
