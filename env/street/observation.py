@@ -16,6 +16,7 @@ from vsr.hypervectors.methods import Method
 if TYPE_CHECKING:
     from env.perception.description import Describer
     from vsr.hypervectors.codebook import Codebook
+    from vsr.networks.runtime import RuntimeName
 
 Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
 ObservationKind = Literal["image", "state", "vsr", "frame"]
@@ -104,12 +105,18 @@ class VsrObserver:
         fusion: of SSI and SF.
         codebook: the symbols; a trained policy needs those that it was trained with.
         speed: whether ego's speed comes after the vector, from 0 to 20 at its top speed.
+        runtime: what runs the encoder; see `env.perception.networks.load_autoencoder`.
 
     Source: paper, section "Vector Semantic Representation".
     """
 
     def __init__(
-        self, fusion: str = "add", codebook: Codebook | None = None, *, speed: bool = False
+        self,
+        fusion: str = "add",
+        codebook: Codebook | None = None,
+        *,
+        speed: bool = False,
+        runtime: RuntimeName = "torch",
     ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
@@ -120,6 +127,7 @@ class VsrObserver:
         self._fusion = Fusion(cast(Method, fusion))
         self._codebook = codebook
         self._speed = speed
+        self._runtime: RuntimeName = runtime
         self._describer: Describer | None = None
 
     def __call__(self, street: StreetView) -> Observation:
@@ -136,8 +144,10 @@ class VsrObserver:
         from env.perception.description import Describer  # noqa: PLC0415
         from env.perception.networks import load_autoencoder  # noqa: PLC0415
 
-        camera = street.pipeline.grounding.camera
-        encoder = load_autoencoder(camera=camera) if self._fusion.uses_features else None
+        encoder = None
+        if self._fusion.uses_features:
+            camera = street.pipeline.grounding.camera
+            encoder = load_autoencoder(camera=camera, runtime=self._runtime)
         return Describer(street.pipeline, self._fusion, encoder, self._codebook)
 
 
