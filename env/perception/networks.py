@@ -13,6 +13,7 @@ from vsr.grounding import Camera
 try:
     from vsr.networks.autoencoder import FeatureEncoder
     from vsr.networks.inference import Precision
+    from vsr.networks.runtime import RuntimeName
     from vsr.networks.unet import UNetSegmenter
     from vsr.networks.weights import read_card
 except ImportError as error:
@@ -32,6 +33,7 @@ def load_segmenter(
     camera: Camera | None = None,
     renderer: str = _DEFAULT,
     precision: Precision = "auto",
+    runtime: RuntimeName = "auto",
 ) -> UNetSegmenter:
     """Return the trained UNet; the streets of one process share it.
 
@@ -42,12 +44,14 @@ def load_segmenter(
         renderer: what draws the frames to come, by the name that cards give it, checked likewise;
             the street's two renderers are as good as the same.
         precision: arithmetic; ``auto`` takes the fastest that the hardware has.
+        runtime: what runs the network; ``openvino`` is the fastest on a processor, and an extra.
 
     Raises:
         UsageError: there are no weights, they can't be read, or they are for other frames.
+        MissingExtraError: the runtime is not installed.
     """
     file = _weights("segmenter", folder, camera, renderer)
-    return _segmenter(file, file.stat().st_mtime_ns, precision)
+    return _segmenter(file, file.stat().st_mtime_ns, precision, runtime)
 
 
 def load_autoencoder(
@@ -56,16 +60,19 @@ def load_autoencoder(
     camera: Camera | None = None,
     renderer: str = _DEFAULT,
     precision: Precision = "auto",
+    runtime: RuntimeName = "auto",
 ) -> FeatureEncoder:
     """Return the encoder of the trained autoencoder; see `load_segmenter`."""
     file = _weights("autoencoder", folder, camera, renderer)
-    return FeatureEncoder.load(file, precision)
+    return FeatureEncoder.load(file, precision, runtime=runtime)
 
 
 @lru_cache(maxsize=1)
-def _segmenter(file: Path, modified: int, precision: Precision) -> UNetSegmenter:
+def _segmenter(
+    file: Path, modified: int, precision: Precision, runtime: RuntimeName
+) -> UNetSegmenter:
     del modified  # a file that has changed since is another one
-    return UNetSegmenter.load(file, precision)
+    return UNetSegmenter.load(file, precision, runtime=runtime)
 
 
 def weights_file(network: str, folder: Path | None = None) -> Path:

@@ -16,6 +16,7 @@ from vsr.hypervectors.methods import Method
 if TYPE_CHECKING:
     from env.perception.description import Describer
     from vsr.hypervectors.codebook import Codebook
+    from vsr.networks.runtime import RuntimeName
 
 Observation = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
 ObservationKind = Literal["image", "state", "vsr", "frame", "none"]
@@ -106,6 +107,7 @@ class VsrObserver:
         speed: whether ego's speed comes after the vector, from 0 to 20 at its top speed.
         unit_rms: whether SSI and SF of each entity, and what they are fused to, are scaled to a
             root mean square of 1; see `vsr.hypervectors.fusion.Fusion`.
+        runtime: what runs the encoder; see `env.perception.networks.load_autoencoder`.
 
     Source: paper, section "Vector Semantic Representation".
     """
@@ -117,6 +119,7 @@ class VsrObserver:
         *,
         speed: bool = False,
         unit_rms: bool = True,
+        runtime: RuntimeName = "auto",
     ) -> None:
         # torch takes seconds and 0.5 GB, which workers that only render should not pay.
         from vsr.hypervectors.codebook import DIMENSION  # noqa: PLC0415
@@ -127,6 +130,7 @@ class VsrObserver:
         self._fusion = Fusion(cast(Method, fusion), unit_rms, unit_rms)
         self._codebook = codebook
         self._speed = speed
+        self._runtime: RuntimeName = runtime
         self._describer: Describer | None = None
 
     def __call__(self, street: StreetView) -> Observation:
@@ -143,8 +147,10 @@ class VsrObserver:
         from env.perception.description import Describer  # noqa: PLC0415
         from env.perception.networks import load_autoencoder  # noqa: PLC0415
 
-        camera = street.pipeline.grounding.camera
-        encoder = load_autoencoder(camera=camera) if self._fusion.uses_features else None
+        encoder = None
+        if self._fusion.uses_features:
+            camera = street.pipeline.grounding.camera
+            encoder = load_autoencoder(camera=camera, runtime=self._runtime)
         return Describer(street.pipeline, self._fusion, encoder, self._codebook)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from env.perception.pipeline import Scene, ScenePipeline
 from env.perception.truth import TruthPerception
@@ -12,6 +12,9 @@ from env.world.camera import DashCameraParameters
 from env.world.world import World
 from sfol import KnowledgeBase
 from vsr.grounding import SegmentationGrounding
+
+if TYPE_CHECKING:
+    from vsr.networks.runtime import RuntimeName
 
 
 class Perception(Protocol):
@@ -46,15 +49,19 @@ class SimulatorPerception:
 class UNetPerception(SimulatorPerception):
     """Reads a trained network's segmentation of the frame.
 
+    Args:
+        kb: says how it is read, and what is concluded.
+        runtime: what runs the network; see `env.perception.networks.load_segmenter`.
+
     Raises:
         UsageError: there are no weights.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: KnowledgeBase, runtime: RuntimeName = "auto") -> None:
         from env.perception.networks import load_segmenter  # noqa: PLC0415  (torch is slow)
 
         camera = kb.grounding_of("segmentation", SegmentationGrounding).camera
-        self.pipeline = ScenePipeline(kb, load_segmenter(camera=camera))
+        self.pipeline = ScenePipeline(kb, load_segmenter(camera=camera, runtime=runtime))
 
 
 class RayPerception:

@@ -11,7 +11,8 @@ import torch
 import torchvision  # type: ignore[import-untyped]
 from torch import Tensor, nn
 
-from vsr.networks.inference import Precision, Runner, default_device
+from vsr.networks.inference import Precision
+from vsr.networks.runtime import RuntimeName, runtime_of
 from vsr.networks.weights import load_weights
 from vsr.segmentation import Frame
 
@@ -93,6 +94,7 @@ class FeatureEncoder:
         autoencoder: trained. Its encoder is taken over and can't be trained further.
         precision: arithmetic; ``auto`` takes the fastest that the hardware has.
         device: where to compute; the GPU where there is one.
+        runtime: what runs the network; see `vsr.networks.runtime.runtime_of`.
     """
 
     def __init__(
@@ -100,15 +102,20 @@ class FeatureEncoder:
         autoencoder: Autoencoder,
         precision: Precision = "auto",
         device: torch.device | None = None,
+        runtime: RuntimeName = "auto",
     ) -> None:
-        self._runner = Runner(autoencoder.encoder, precision, device or default_device())
+        self._run = runtime_of(autoencoder.encoder, runtime, precision, device)
 
     @classmethod
     def load(
-        cls, file: Path, precision: Precision = "auto", device: torch.device | None = None
+        cls,
+        file: Path,
+        precision: Precision = "auto",
+        device: torch.device | None = None,
+        runtime: RuntimeName = "auto",
     ) -> FeatureEncoder:
         """Return the encoder in a file; see `vsr.networks.weights.load_weights`."""
-        return cls(load_autoencoder(file), precision, device)
+        return cls(load_autoencoder(file), precision, device, runtime)
 
     def encode(self, frames: Sequence[Frame]) -> Tensor:
         """Return the feature maps of frames, float32 (B, 512, H/32, W/32), on the device.
@@ -116,4 +123,4 @@ class FeatureEncoder:
         Raises:
             UsageError: there are no frames, or their sides are no multiples of 32.
         """
-        return self._runner(frames).float().contiguous()
+        return self._run(frames).float().contiguous()

@@ -13,7 +13,8 @@ from segmentation_models_pytorch.decoders.unet.decoder import UnetDecoderBlock
 from torch import Tensor, nn
 
 from vsr.classes import CLASS_COUNT
-from vsr.networks.inference import Precision, Runner, default_device
+from vsr.networks.inference import Precision
+from vsr.networks.runtime import RuntimeName, runtime_of
 from vsr.networks.weights import load_weights
 from vsr.segmentation import Frame
 
@@ -78,6 +79,7 @@ class UNetSegmenter:
         unet: what `build_unet` returns, trained. It is taken over and can't be trained further.
         precision: arithmetic; ``auto`` takes the fastest that the hardware has.
         device: where to compute; the GPU where there is one.
+        runtime: what runs the network; see `vsr.networks.runtime.runtime_of`.
     """
 
     def __init__(
@@ -85,15 +87,20 @@ class UNetSegmenter:
         unet: nn.Module,
         precision: Precision = "auto",
         device: torch.device | None = None,
+        runtime: RuntimeName = "auto",
     ) -> None:
-        self._runner = Runner(unet, precision, device or default_device())
+        self._run = runtime_of(unet, runtime, precision, device)
 
     @classmethod
     def load(
-        cls, file: Path, precision: Precision = "auto", device: torch.device | None = None
+        cls,
+        file: Path,
+        precision: Precision = "auto",
+        device: torch.device | None = None,
+        runtime: RuntimeName = "auto",
     ) -> UNetSegmenter:
         """Return the segmenter in a file; see `vsr.networks.weights.load_weights`."""
-        return cls(load_unet(file), precision, device)
+        return cls(load_unet(file), precision, device, runtime)
 
     def __call__(self, frames: Sequence[Frame]) -> NDArray[np.float32]:
         """Return class probabilities, float32 (B, 28, H, W), that sum to one over axis 1.
@@ -101,7 +108,7 @@ class UNetSegmenter:
         Raises:
             UsageError: there are no frames, or their sides are no multiples of 32.
         """
-        logits = self._runner(frames)
+        logits = self._run(frames)
         # Rows of pixels lie together in memory, as everything that reads a class's layer expects.
         probabilities = torch.softmax(logits.contiguous(), dim=1, dtype=torch.float32)
         segmented: NDArray[np.float32] = probabilities.cpu().numpy()

@@ -5,14 +5,21 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 
 from env.perception.networks import load_autoencoder, load_segmenter
 from env.perception.weights_folder import FOLDER_VARIABLE, weights_folder
 from env.street.seeds import FRAMES
 from env.tools.frames import frames_of_street
 from sfol.errors import UsageError
+from vsr.entities import class_map, find_entities
 from vsr.grounding import Camera
-from vsr.networks.weights import read_card
+from vsr.hypervectors.codebook import Codebook
+from vsr.hypervectors.descriptor import SceneDescriptor
+from vsr.networks.autoencoder import Autoencoder
+from vsr.networks.inference import stack_gray, to_input
+from vsr.networks.quantisation import quantised
+from vsr.networks.weights import load_weights, read_card
 from vsr.training.segmentation_quality import count, iou_table, total
 
 NETWORKS = {"segmenter": load_segmenter, "autoencoder": load_autoencoder}
@@ -39,6 +46,52 @@ def test_the_shipped_encoder_tells_frames_apart(street_of, held_out):
     maps = features.encode([held_out[0], held_out[-1]])
     assert maps.shape == (2, 512, 7, 7)
     assert (maps[0] - maps[1]).abs().mean() > 0.1 * maps.abs().mean()
+
+
+def spatial_features(encoder, frames, grounding):
+    descriptor = SceneDescriptor(Codebook(), grounding, fusion="sf")
+    found = [find_entities(frame.classes, grounding.minimum_area) for frame in frames]
+    layouts = [
+        descriptor.layout(entities, frame.classes)
+        for entities, frame in zip(found, frames, strict=True)
+    ]
+    return descriptor.entities(layouts, encoder.encode(frames))
+
+
+class _Rounded:
+    """The shipped encoder as OpenVINO computes it, by torch."""
+
+    def __init__(self):
+        autoencoder = Autoencoder()
+        load_weights(weights_folder() / "autoencoder.safetensors", autoencoder)
+        self._encoder = quantised(autoencoder.encoder)
+
+    def encode(self, frames):
+        with torch.inference_mode():
+            return self._encoder(to_input(stack_gray(frames)))
+
+
+def _by_openvino():
+    pytest.importorskip("openvino")
+    return load_autoencoder(runtime="openvino")
+
+
+@pytest.mark.parametrize("encoder", [_Rounded, _by_openvino])
+def test_eight_bits_keep_what_an_entity_looks_like(street_of, held_out, encoder):
+    grounding = street_of("high", "full").pipeline.grounding
+    own = spatial_features(load_autoencoder(precision="float32"), held_out, grounding)
+    rounded = spatial_features(encoder(), held_out, grounding)
+    assert len(own) >= 20
+    assert torch.cosine_similarity(own, rounded).min() >= 0.999
+
+
+def test_eight_bits_keep_the_classes(street_of, held_out):
+    pytest.importorskip("openvino")
+    own, rounded = (
+        [class_map(probabilities) for probabilities in segmenter(held_out)]
+        for segmenter in (load_segmenter(precision="float32"), load_segmenter(runtime="openvino"))
+    )
+    assert np.mean(np.equal(own, rounded)) >= 0.998
 
 
 @pytest.mark.parametrize("network", NETWORKS)
