@@ -339,6 +339,8 @@ def _fill_plain(
 ) -> None:
     """Fill a triangle that shows one point of its texture."""
     first, last = _rows(polygon, corner, canvas.gray.shape)
+    if first >= last:  # as of most triangles of people far away
+        return
     depth = 1.0 / polygon[0, 2]
     gray = _gray(paint, texels, polygon[0, 3] * depth, polygon[0, 4] * depth)
     by_column, by_row, nearness = _slope(polygon, corner, 2)
