@@ -51,11 +51,12 @@ class OpenVinoRuntime:
         size = inputs.shape[2:]
         if size not in self._compiled:
             self._compiled[size] = self._compile(size)
-        return torch.from_numpy(self._compiled[size](inputs)[0])
+        return torch.from_numpy(self._compiled[size](inputs)[0]).movedim(-1, 1)
 
     def _compile(self, size: _Size) -> Callable[[Any], Any]:
         pictures = operations.parameter([-1, 1, *size], np.float32)
-        output = _Builder(self._network).run(pictures)
+        # Channels last, as convolutions have them: OpenVINO needs 17 of 42 ms to move the UNet's.
+        output = operations.transpose(_Builder(self._network).run(pictures), [0, 2, 3, 1])
         settings = {
             "INFERENCE_NUM_THREADS": self._threads,
             "NUM_STREAMS": 1,
