@@ -42,7 +42,7 @@ SCHEMA_VERSION = 3
 _BESIDE = (".csv", ".parquet")  # the files of a drive beside its result
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 _MOST = 50_000_000  # bytes of a file
-_PACKAGES = ("sfol", "numpy", "pybullet", "stable-baselines3", "torch")
+_PACKAGES = ("sfol", "numba", "numpy", "openvino", "pybullet", "stable-baselines3", "torch")
 
 
 # In a file, metrics stand beside the summary's other parts.
