@@ -51,6 +51,10 @@ class Part(NamedTuple):
     yaw: float = 0.0
 
 
+# Numba keeps code by the types of these tuples' fields, not by their names: whoever changes no more
+# than the order of fields deletes what it has kept, `rasteriser.*.nb*` in `__pycache__`.
+
+
 class Triangles(NamedTuple):
     """All parts' triangles, one part after the other, as seen from the part's origin.
 
