@@ -188,6 +188,10 @@ class Facts:
         expect(predicate, str, "a predicate", "give its name")
         return self._relations.get(predicate, {})
 
+    def relations(self) -> Mapping[str, Relation]:
+        """Return what `relation` returns of every predicate of which something is known."""
+        return self._relations
+
     def predicates(self) -> Iterable[str]:
         """Return the predicates of which something is known."""
         return self._relations.keys()
