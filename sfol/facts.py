@@ -188,6 +188,10 @@ class Facts:
         expect(predicate, str, "a predicate", "give its name")
         return self._relations.get(predicate, {})
 
+    def relations(self) -> Mapping[str, Relation]:
+        """Return what `relation` returns of every predicate of which something is known."""
+        return self._relations
+
     def predicates(self) -> Iterable[str]:
         """Return the predicates of which something is known."""
         return self._relations.keys()
@@ -308,23 +312,19 @@ def _check_new(predicate: str, constants: tuple[str, ...]) -> None:
 
 def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) -> None:
     for constant in constants:
-        if not _is_constant(constant):
+        if not (isinstance(constant, str) and _names_an_entity(constant)):
             raise FactError(
                 f"'{constant}' in {predicate} is not a constant",
                 name=str(constant),
                 suggestion="a constant begins with a lower-case letter and has letters, "
                 "digits and underscores",
             )
-    elsewhere = len(next(iter(relation), constants))
+    elsewhere = len(next(iter(relation))) if relation else len(constants)
     if elsewhere != len(constants):
         raise FactError(
             f"'{predicate}' has {len(constants)} constants here and {elsewhere} elsewhere",
             name=predicate,
         )
-
-
-def _is_constant(name: object) -> bool:
-    return isinstance(name, str) and _names_an_entity(name)
 
 
 @lru_cache(maxsize=65_536)  # the same few names come at every step

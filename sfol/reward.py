@@ -390,9 +390,9 @@ class RewardFunction:
 
     def _weight(self, name: str, confidences: Mapping[str, Array]) -> Array:
         # A head whose rules an overlay removed has no confidence and contributes nothing.
-        total = _sum(
-            c * confidences.get(head, 0.0) for head, c in self.coefficients[name].plain.items()
-        )
+        total: Array = 0.0
+        for head, coefficient in self.coefficients[name].plain.items():
+            total = total + coefficient * confidences.get(head, 0.0)
         return total / self.kb.weights[name].normalizer
 
     def _term(
@@ -446,14 +446,10 @@ def _facts(facts: Facts) -> Facts:
     return facts
 
 
-def _sum(values: Iterable[Array], start: Array = 0.0) -> Array:
-    # From left to right in every version of Python: `sum` compensates its rounding from 3.12 on.
-    return reduce(operator.add, values, start)
-
-
 def _total(terms: Mapping[str, Array], start: Array = 0.0) -> Array:
     """Return R, the sum of all terms."""
-    total = _sum(terms.values(), start)
+    # From left to right in every version of Python: `sum` compensates its rounding from 3.12 on.
+    total = reduce(operator.add, terms.values(), start)
     if not arrays.is_finite(total):
         raise FormulaError("the sum of the terms is not finite")
     return total

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 
 from sfol.clauses import Body
@@ -151,15 +151,18 @@ def _candidates(body: Body, names: Sequence[str], tables: Tables) -> Iterator[tu
 class _Pool:
     """Each literal's distinct ground atoms over all substitutions, combined all together."""
 
-    __slots__ = ("_atoms", "_conjunction")
+    __slots__ = ("_atoms", "_bounds", "_conjunction")
 
     def __init__(self, conjunction: Operator) -> None:
         self._conjunction = conjunction
         self._atoms: dict[tuple[int, Constants], Bound] = {}
+        self._bounds: Collection[Bound] = self._atoms.values()
 
     def search(self, plan: Plan, tables: Tables, given: Sequence[str]) -> None:
-        if plan.branches:
-            self._atoms = plan.support(tables, given)
+        if plan.is_flat:
+            self._bounds = plan.bounds(tables, given)
+        elif plan.branches:
+            self._bounds = plan.support(tables, given).values()
         else:  # then it is as good, and faster
             plan.search(tables, self.add, given)
 
@@ -167,10 +170,10 @@ class _Pool:
         self._atoms.update(zip(enumerate(search.keys), search.bounds, strict=True))
 
     def __bool__(self) -> bool:
-        return bool(self._atoms)
+        return bool(self._bounds)
 
     def bound(self) -> Bound:
-        return self._conjunction(self._atoms.values())
+        return self._conjunction(self._bounds)
 
 
 class _Best:

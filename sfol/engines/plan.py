@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from sfol.clauses import Body
+from sfol.engines.flat import Flat
 from sfol.engines.matching import chained, makers, visit
 from sfol.engines.support import Forest, Reduction, Support, grow
 from sfol.engines.tables import Tables
 from sfol.errors import WorkLimitError
+from sfol.facts import Bound
 from sfol.literals import Criterion, Search, Step
 from sfol.literals.search import WORK_LIMIT, Constants, ExhaustedError
 from sfol.syntax import Atom, is_variable, variables
@@ -43,6 +45,7 @@ class Plan:
     _needed: frozenset[str]
     _first: Step
     _forest: Forest
+    _flat: Flat | None
 
     @classmethod
     def of(
@@ -70,7 +73,8 @@ class Plan:
         first = chained(makers(body, criterion, slots, known), visit)
         needed = frozenset(lit.atom.predicate for lit in body.atom_literals if lit.binds)
         forest = grow(body, criterion, slots, known)
-        return cls(body, names, len(given), owner, limit, constants, needed, first, forest)
+        flat = Flat.of(body, criterion, slots, known)
+        return cls(body, names, len(given), owner, limit, constants, needed, first, forest, flat)
 
     def search(
         self, tables: Tables, visit: Callable[[Search], None], given: Sequence[str] = ()
@@ -91,6 +95,28 @@ class Plan:
         literals = len(self.body.atom_literals)
         try:
             self._first(Search(tables, self._values(given), literals, visit, self.limit))
+        except ExhaustedError:
+            raise self._too_much(tables) from None
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether one loop finds all atoms, so that `bounds` does what `search` does, faster."""
+        return self._flat is not None
+
+    def bounds(self, tables: Tables, given: Sequence[str] = ()) -> Sequence[Bound]:
+        """Return the bounds of a flat body's atoms, over all substitutions that satisfy it.
+
+        An atom that stands for two literals is there twice; there are none if no substitution
+        satisfies the body.
+
+        Raises:
+            WorkLimitError: see `search`.
+        """
+        assert self._flat is not None, "asked only of flat bodies"
+        if not tables.has_all(self._needed):
+            return ()
+        try:
+            return self._flat.bounds(tables, self._values(given), self.limit)
         except ExhaustedError:
             raise self._too_much(tables) from None
 

@@ -73,8 +73,8 @@ class Program:
         Raises:
             FactError: a predicate or a number of constants is not that of the knowledge base.
         """
-        for predicate in facts.predicates():
-            given = len(next(iter(facts.relation(predicate))))
+        for predicate, relation in facts.relations().items():
+            given = len(next(iter(relation)))
             if self.arities.get(predicate) != given:
                 raise _unfit(predicate, given, self.arities)
 

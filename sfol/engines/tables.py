@@ -30,7 +30,7 @@ class Tables:
         Raises:
             FactError: a fact gives an atom of the background another bound.
         """
-        tables = cls({name: dict(facts.relation(name)) for name in facts.predicates()})
+        tables = cls({name: dict(relation) for name, relation in facts.relations().items()})
         for atom in background:
             bound = tables._relations.setdefault(atom.predicate, {}).setdefault(
                 atom.arguments, TRUE

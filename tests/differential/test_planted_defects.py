@@ -12,6 +12,7 @@ import pytest
 from sfol.engines import compiled
 from sfol.engines import pyreason as translation
 from sfol.engines.compiled import CompiledEngine
+from sfol.engines.flat import Flat
 from sfol.engines.tables import Tables
 from sfol.facts import TRUE
 from sfol.literals import Negated, NotEqual, Positive, negated
@@ -93,6 +94,11 @@ def lost_grounding(monkeypatch):
         monkeypatch.setattr(gathering, "add", first_only)
 
 
+def lost_value_of_a_flat_body(monkeypatch):
+    right = Flat._of_each
+    monkeypatch.setattr(Flat, "_of_each", lambda self, *scene: right(self, *scene)[:1])
+
+
 def negated_literal_left_out(monkeypatch):
     monkeypatch.setattr(Negated, "step", lambda self, number, slots, criterion, then: then)
 
@@ -118,6 +124,7 @@ COMPILED = [
     minimum_of_several_rules,
     less_for_at_most_at_the_threshold,
     lost_grounding,
+    lost_value_of_a_flat_body,
     negation_dropped,
     raw_bounds_of_negated_atoms,
     negated_literal_left_out,

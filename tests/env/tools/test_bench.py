@@ -19,8 +19,7 @@ def test_every_stage_is_reported(monkeypatch):
     stages = {
         "tiny_renderer",
         "camera",
-        "segmenter",
-        "entities_and_facts",
+        "perception",
         "reward",
         "descriptor_ssi",
         "step",

@@ -33,6 +33,22 @@ unary = st.dictionaries(st.tuples(st.sampled_from("AB"), names), bounds, max_siz
 binary = st.dictionaries(st.tuples(st.sampled_from("PQ"), names, names), bounds, max_size=24)
 
 
+FLAT = [
+    "h(X) :- A(X).",
+    "h(X) :- A(X), B(X), P(X, ego), Q(X, X).",
+    "h(X) :- A(X), A(X), B(Y).",
+    "h(X) :- A(Y), B(Y), P(Y, X), Q(X, Y), P(Y, bob).",
+    "h(X) :- B(ada), P(ada, Y), A(Y), Q(X, ego).",
+]
+NOT_FLAT = [
+    "h(X) :- A(X), P(X, Y).",  # no unary literal has Y
+    "h(X) :- A(Y), P(Y, Y).",
+    "h(X) :- A(Y), B(Z).",
+    "h(X) :- A(Y), not B(Y).",
+    "h(X) :- A(Y), Y != X.",
+]
+
+
 def criterion(literal):
     if isinstance(literal, Negated):
         return lambda known: literal.bound(known) if known.upper < 0.5 else None
@@ -69,6 +85,25 @@ def test_the_support_is_what_all_substitutions_name(text, unary, binary):
             values,
         )
         assert plan.support(tables, values) == expected
+
+
+@pytest.mark.parametrize("text", FLAT)
+@given(unary=unary, binary=binary)
+def test_the_bounds_of_a_flat_body_are_those_of_its_support(text, unary, binary):
+    facts = Facts()
+    for atom, bound in {**unary, **binary}.items():
+        facts.add(*atom, bound=bound)
+    tables = Tables.of(facts)
+    plan = plan_of(text, "X")
+    assert plan.is_flat
+    for value in ("ego", "ada"):
+        expected = plan.support(tables, [value]).values()
+        assert sorted(plan.bounds(tables, [value])) == sorted(expected)
+
+
+@pytest.mark.parametrize("text", NOT_FLAT)
+def test_a_body_that_one_loop_does_not_settle_is_not_flat(text):
+    assert not plan_of(text, "X").is_flat
 
 
 CROWD = """

@@ -111,6 +111,15 @@ def test_the_limit_can_be_set(tmp_path):
             RewardFunction(small.kb, work_limit=wrong)
 
 
+def test_one_loop_is_counted_too(tmp_path):
+    rule = "crowded(X) :- Person(X), Person(A), Near(A, X)."
+    facts = pairs(20)
+    facts.add("Near", "p0", "ego")
+    assert crowd(tmp_path, rule, work_limit=21)(facts, v=1.0) == -1.0
+    with pytest.raises(WorkLimitError, match=r"rule 'crowded' .* among 21 entities"):
+        crowd(tmp_path, rule, work_limit=20)(facts, v=1.0)
+
+
 def test_an_entity_weights_condition_that_falls_apart_is_only_looked_up(tmp_path):
     reward = crowd(tmp_path, STAR)
     weights = reward.entity_weights(arms(300), ["other", "near0"])  # 27 million substitutions
