@@ -58,6 +58,11 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def plain(values: Array, /) -> npt.NDArray[Any]:
+        """Return the elements as an array of numpy's, without gradients."""
+        ...
+
+    @staticmethod
     def minimum(left: Array, right: Array, /) -> Array:
         """Return the lesser of two, element by element."""
         ...
@@ -80,6 +85,21 @@ class Backend(Protocol):
     @staticmethod
     def sqrt(values: Array, /) -> Array:
         """Return the square root of every element."""
+        ...
+
+    @staticmethod
+    def cos(values: Array, /) -> Array:
+        """Return the cosine of every element."""
+        ...
+
+    @staticmethod
+    def hypot(left: Array, right: Array, /) -> Array:
+        """Return the root of the sum of two squares, without a square that overflows."""
+        ...
+
+    @staticmethod
+    def atan2(left: Array, right: Array, /) -> Array:
+        """Return the angle of the point (right, left), from −π to π."""
         ...
 
     @staticmethod
@@ -138,6 +158,9 @@ class _Numpy(Backend):
     exp = staticmethod(np.exp)
     log = staticmethod(np.log)
     sqrt = staticmethod(np.sqrt)
+    cos = staticmethod(np.cos)
+    hypot = staticmethod(np.hypot)
+    atan2 = staticmethod(np.arctan2)
 
     @staticmethod
     def owns(value: object) -> bool:
@@ -154,6 +177,10 @@ class _Numpy(Backend):
     @staticmethod
     def is_finite(values: Array) -> bool:
         return bool(np.isfinite(values).all())
+
+    @staticmethod
+    def plain(values: Array) -> npt.NDArray[Any]:
+        return np.asarray(values)
 
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
@@ -226,6 +253,10 @@ class _Torch(Backend):
         return bool(values.isfinite().all())
 
     @staticmethod
+    def plain(values: Array) -> npt.NDArray[Any]:
+        return np.asarray(values.detach().cpu())
+
+    @staticmethod
     def minimum(left: Array, right: Array) -> Array:
         return sys.modules["torch"].minimum(*_Torch._alike(left, right))
 
@@ -244,6 +275,22 @@ class _Torch(Backend):
     @staticmethod
     def sqrt(values: Array) -> Array:
         return values.sqrt()
+
+    @staticmethod
+    def cos(values: Array) -> Array:
+        return values.cos()
+
+    @staticmethod
+    def hypot(left: Array, right: Array) -> Array:
+        torch = sys.modules["torch"]
+        left, right = _Torch._alike(left, right)
+        # Where both are 0 there is no gradient, and torch's is NaN: two entities at one place.
+        apart = (left != 0) | (right != 0)
+        return torch.where(apart, torch.hypot(torch.where(apart, left, 1.0), right), 0.0)
+
+    @staticmethod
+    def atan2(left: Array, right: Array) -> Array:
+        return sys.modules["torch"].atan2(*_Torch._alike(left, right))
 
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
@@ -356,6 +403,16 @@ def is_finite(value: Array) -> bool:
     return math.isfinite(value) if kind is None else kind.is_finite(value)
 
 
+def as_reals(value: object) -> npt.NDArray[np.float64] | None:
+    """Return numbers of any type, in arrays or lists, as numpy's own; None if they are none."""
+    kind = _kind_of([value])
+    try:
+        array = np.asarray(value) if kind is None else kind.plain(value)
+    except (TypeError, ValueError):  # lists of several lengths
+        return None
+    return array.astype(np.float64) if array.dtype.kind in "biuf" else None
+
+
 def as_float(value: object) -> float | None:
     """Return a real number of any type, such as numpy's, as Python's own; None if it is none.
 
@@ -386,4 +443,7 @@ maximum = _elementwise("maximum", max)
 exp = _elementwise("exp", math.exp)
 log = _elementwise("log", math.log)
 sqrt = _elementwise("sqrt", math.sqrt)
+cos = _elementwise("cos", math.cos)
+hypot = _elementwise("hypot", math.hypot)
+atan2 = _elementwise("atan2", math.atan2)
 where = _elementwise("where", lambda condition, then, otherwise: then if condition else otherwise)

@@ -1,9 +1,11 @@
-"""Formulas of reward terms: parsed, checked, evaluated; never executed as Python.
+"""Formulas: parsed, checked, evaluated; never executed as Python.
 
-A formula has numbers, the names of signals and parameters, ``+ - * / **``, comparisons (which
-give 1 or 0) and the functions of `FUNCTIONS`. Python's own parser reads the text into a syntax
-tree; every node of it must be one of those kinds, and becomes a small function of the named
-values. Nothing of the text is ever run. What the operations give is said in `sfol.arithmetic`.
+A formula has numbers, names, ``+ - * / **``, comparisons (which give 1 or 0), the functions of
+`FUNCTIONS` and the comparisons of `SOFT_COMPARISONS`. The names are those of signals and
+parameters, or of what is observed, as ``ego.speed``. Python's own parser makes the text a tree;
+every node of it must be one of those kinds, and becomes a small function of the named values.
+Nothing of the text is ever run. What the operations give is said in `sfol.arithmetic` and
+`sfol.soft_comparisons`.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from sfol import arrays
 from sfol.arithmetic import COMPARISONS, FUNCTIONS, OPERATORS, SIGNS, Operation
 from sfol.arrays import Array
 from sfol.errors import FormulaError, did_you_mean, expect, torn_apart
+from sfol.soft_comparisons import DEFAULT_SHAPE, DEFAULT_VALUE, SHAPES, SOFT_COMPARISONS
 
 MAXIMUM_LENGTH = 2_000
 MAXIMUM_DEPTH = 40
@@ -63,6 +66,7 @@ _OTHER_WORDS: Mapping[type[ast.AST], str] = {
     ast.IfExp: "write where(condition, then, otherwise)",
 }
 _WORD = re.compile(r"[^\W\d]\w*")
+_CALLED = (*FUNCTIONS, *SOFT_COMPARISONS)
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class Formula:
 
     Attributes:
         text: as written.
-        names: the signals and parameters that it reads.
+        names: what it reads: signals and parameters, or what is observed, dots and all.
 
     Example:
         >>> Formula.parse("-(zeta * v**2 / (d + epsilon))")(dict(zeta=0.05, v=6, d=9, epsilon=1))
@@ -110,9 +114,17 @@ class Formula:
             raise FormulaError(
                 f"the formula reads '{name}', which is no signal and no parameter",
                 name=name,
-                suggestion=did_you_mean(name, known),
-                offset=self.text.find(name),
+                suggestion=f"read a signal of yours that is observed from: {name}"
+                if "." in name
+                else did_you_mean(name, known),
+                offset=self.offset_of(name),
             )
+
+    def offset_of(self, name: str) -> int:
+        """Return where in the text a name that the formula reads stands first."""
+        pattern = r"\s*\.\s*".join(map(re.escape, name.split(".")))
+        found = re.search(rf"(?<![\w.]){pattern}(?!\w)", self.text)
+        return found.start() if found else 0
 
     def __call__(self, values: Mapping[str, float]) -> float:
         """Return the formula's value.
@@ -126,6 +138,17 @@ class Formula:
         """
         result: float = self._evaluate(values)
         if not math.isfinite(result):
+            raise self._no_number(values)
+        return result
+
+    def maybe_infinite(self, values: Mapping[str, float]) -> float:
+        """Return the formula's value as `__call__` does, but let it be infinite.
+
+        Raises:
+            FormulaError: the value is NaN, or a name's value is no number.
+        """
+        result: float = self._evaluate(values)
+        if math.isnan(result):
             raise self._no_number(values)
         return result
 
@@ -279,7 +302,7 @@ def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Eva
             raise _refused(node, f"{node.value!r} is not a number")
         case ast.Constant(value=int() | float() as number):
             return _constant(_finite(node, number))
-        case ast.Name(id=name):
+        case ast.Name() | ast.Attribute() if (name := _dotted(node)) is not None:
             names.add(name)
             return kind.name(name)
         case ast.UnaryOp() if type(node.op) in _UNARY:
@@ -291,22 +314,105 @@ def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Eva
         case ast.Compare():
             raise _refused(node, "a chain of comparisons", "write (a < b) * (b < c)")
         case ast.Call():
-            return applied(_called(node), *node.args)
+            operation, parts = _called(node)
+            return applied(operation, *parts)
     raise _refused(node, f"'{ast.unparse(node):.40}'", _instead(node))
 
 
-def _called(node: ast.Call) -> Operation:
-    if not isinstance(node.func, ast.Name) or node.keywords:
+def _dotted(node: ast.expr) -> str | None:
+    """Return a name with dots, as ``ego.speed``, or None if it is something else."""
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(value=inner, attr=field) if not field.startswith("_"):
+            return None if (whole := _dotted(inner)) is None else f"{whole}.{field}"
+    return None
+
+
+def _called(node: ast.Call) -> tuple[Operation, list[ast.expr]]:
+    """Return the operation that a call stands for, and what it is applied to."""
+    if not isinstance(node.func, ast.Name):
         raise _refused(node, "this kind of call")
     name = node.func.id
+    if name in SOFT_COMPARISONS:
+        return _compared(node, name)
     if name not in FUNCTIONS:
-        raise _refused(node, f"the function '{name}'", did_you_mean(name, FUNCTIONS), name=name)
-    function = FUNCTIONS[name]
-    if not function.least <= len(node.args) <= function.most:
-        least, most = function.least, function.most
+        raise _refused(node, f"the function '{name}'", did_you_mean(name, _CALLED), name=name)
+    if node.keywords:
+        raise _refused(node, f"'{name}' with {node.keywords[0].arg or '**'}=")
+    _check_count(node, name, FUNCTIONS[name])
+    return FUNCTIONS[name], node.args
+
+
+def _check_count(node: ast.Call, name: str, function: Operation) -> None:
+    least, most = function.least, function.most
+    if not least <= len(node.args) <= most:
         count = str(least) if least == most else f"{least} to {most}"
         raise _refused(node, f"'{name}' with {len(node.args)} arguments", f"it takes {count}")
-    return function
+
+
+def _compared(node: ast.Call, name: str) -> tuple[Operation, list[ast.expr]]:
+    """Return a soft comparison, which is a crisp one without a margin."""
+    comparison = SOFT_COMPARISONS[name]
+    given = {keyword.arg or "**": keyword.value for keyword in node.keywords}
+    for key in given:
+        if key not in _OPTIONS:
+            hint = did_you_mean(key, _OPTIONS)
+            raise _refused(node, f"'{name}' with {key}=", hint, name=key)
+    if len(node.args) == comparison.crisp.least + 1 and "margin" not in given:
+        raise _refused(node, f"a margin without its name in '{name}'", "write margin=…")
+    _check_count(node, name, comparison.crisp)
+    limits = [n for limit in node.args[1:] if (n := _constant_of(limit)) is not None]
+    if limits != sorted(limits):
+        raise _refused(node, f"'{name}' with a low limit above the high one")
+    margin = _constant_of(given["margin"]) if "margin" in given else 0.0
+    if margin is not None and margin < 0:
+        raise _refused(given["margin"], "a margin below 0")
+    value, shape = _value_at_margin(given), _shape(given)
+    if value == 0 and not SHAPES[shape].takes_zero:
+        raise _refused(node, f"value_at_margin=0, as {shape} never gets there", "such as 0.01")
+    if not margin and margin is not None:
+        return comparison.crisp, node.args
+    return comparison.soft(shape, value), [*node.args, given["margin"]]
+
+
+_OPTIONS = ("margin", "value_at_margin", "shape")
+
+
+def _value_at_margin(given: Mapping[str, ast.expr]) -> float:
+    if "value_at_margin" not in given:
+        return DEFAULT_VALUE
+    value = _constant_of(given["value_at_margin"])
+    if value is None or not 0 <= value < 1:
+        raise _refused(
+            given["value_at_margin"],
+            f"value_at_margin={ast.unparse(given['value_at_margin']):.40}",
+            "it is a number from 0 to 1, without 1 itself",
+        )
+    return value
+
+
+def _shape(given: Mapping[str, ast.expr]) -> str:
+    match given.get("shape"):
+        case None:
+            return DEFAULT_SHAPE
+        case ast.Name(id=name) if name in SHAPES:
+            return name
+        case node:
+            written = ast.unparse(node)
+            raise _refused(
+                node, f"shape={written:.40}", did_you_mean(written, SHAPES), name=written[:40]
+            )
+
+
+def _constant_of(node: ast.expr) -> float | None:
+    """Return the number that a part is as it stands, perhaps with a sign, else None."""
+    match node:
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as number)):
+            return -float(number)
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+    return None
 
 
 def _instead(node: ast.expr) -> str | None:
@@ -345,6 +451,6 @@ def _refused(
     return FormulaError(
         f"a formula has no room for {what}",
         name=name,
-        suggestion=suggestion or f"numbers, names, + - * / **, comparisons, {', '.join(FUNCTIONS)}",
+        suggestion=suggestion or f"numbers, names, + - * / **, comparisons, {', '.join(_CALLED)}",
         offset=max(node.col_offset - 1, 0),
     )

@@ -23,6 +23,7 @@ from sfol.facts import Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.literals.search import WORK_LIMIT
+from sfol.observations import Observation, ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.syntax import Atom
@@ -167,6 +168,7 @@ class RewardFunction:
         self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
         self._engine_name = engine
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
+        self._reader = ObservationReader(self.kb)
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -197,6 +199,11 @@ class RewardFunction:
         return self._engine
 
     @property
+    def reads_facts(self) -> bool:
+        """Whether the knowledge base says how facts are read off an observation, or needs none."""
+        return self._reader.reads_facts
+
+    @property
     def hash(self) -> str:
         """The knowledge base's hash, with the coefficients and parameters as they are now."""
         return self.current().hash
@@ -220,6 +227,66 @@ class RewardFunction:
     def __call__(self, facts: Facts, /, **signals: float) -> float:
         """Return the reward alone; see `evaluate`."""
         return self.evaluate(facts, **signals).reward
+
+    def observe(self, observation: Observation) -> Facts:
+        """Return the facts that the knowledge base reads off an observation.
+
+        Args:
+            observation: what the environment gives, in the form that the section `observation`
+                says: mappings, sequences and arrays of real numbers, nested in any way.
+
+        Raises:
+            FactError: it has another form, a number that is read is NaN, or the confidence of a
+                fact is not from 0 to 1.
+            UsageError: the knowledge base has rules, but does not say how facts are read.
+        """
+        return self._reader.facts(observation)
+
+    def observe_signals(
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        /,
+        **given: float,
+    ) -> dict[str, float]:
+        """Return the signals that the knowledge base reads off a transition, and those given.
+
+        Args:
+            observation: before the action, as for `observe`.
+            action: if a signal reads it.
+            next_observation: after the action, if a signal reads it.
+            given: signals by name, which are not read then.
+
+        Raises:
+            SignalError: an observation or the action has another form than the knowledge base
+                says, or a number that is read, or a signal, is NaN.
+        """
+        read = self._reader.signals(observation, action, next_observation, but=given)
+        return {**read, **given}
+
+    def transition(
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        /,
+        **signals: float,
+    ) -> Outcome:
+        """Return the reward of a transition, with facts and signals read off its observations.
+
+        Args:
+            observation: before the action, as for `observe`.
+            action: if a signal reads it.
+            next_observation: after the action, if a signal reads it.
+            signals: those that the knowledge base does not read; a signal that it would read may
+                be given, too, and is not read then.
+
+        Raises:
+            The errors of `observe`, `observe_signals` and `evaluate`.
+        """
+        given = self.observe_signals(observation, action, next_observation, **signals)
+        return self.evaluate(self.observe(observation), **given)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
