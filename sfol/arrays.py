@@ -107,6 +107,16 @@ class Backend(Protocol):
         """Return `then` where the condition is not zero, else `otherwise`."""
         ...
 
+    @staticmethod
+    def largest(values: Array, /) -> Array:
+        """Return the largest along the last axis, which is not empty."""
+        ...
+
+    @staticmethod
+    def total(values: Array, /) -> Array:
+        """Return the sum along the last axis."""
+        ...
+
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
         """Return the backend for a computation with some arrays of this kind, maybe none."""
@@ -185,6 +195,14 @@ class _Numpy(Backend):
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
         return np.where(np.asarray(condition) != 0, then, otherwise)
+
+    @staticmethod
+    def largest(values: Array) -> Array:
+        return values.max(axis=-1)
+
+    @staticmethod
+    def total(values: Array) -> Array:
+        return values.sum(axis=-1)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -312,6 +330,14 @@ class _Torch(Backend):
             else torch.as_tensor(value)
             for value in (left, right)
         )
+
+    @staticmethod
+    def largest(values: Array) -> Array:
+        return values.amax(-1)
+
+    @staticmethod
+    def total(values: Array) -> Array:
+        return values.sum(-1)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -447,3 +473,19 @@ cos = _elementwise("cos", math.cos)
 hypot = _elementwise("hypot", math.hypot)
 atan2 = _elementwise("atan2", math.atan2)
 where = _elementwise("where", lambda condition, then, otherwise: then if condition else otherwise)
+
+
+def largest(values: Array) -> Array:
+    """Return the largest along the last axis of an array, which is not empty."""
+    return _backend(values).largest(values)
+
+
+def total(values: Array) -> Array:
+    """Return the sum along the last axis of an array."""
+    return _backend(values).total(values)
+
+
+def _backend(values: Array) -> type[Backend]:
+    kind = _kind_of([values])
+    assert kind is not None, "an array is expected"
+    return kind

@@ -1,11 +1,11 @@
 """Formulas: parsed, checked, evaluated; never executed as Python.
 
 A formula has numbers, names, ``+ - * / **``, comparisons (which give 1 or 0), the functions of
-`FUNCTIONS` and the comparisons of `SOFT_COMPARISONS`. The names are those of signals and
-parameters, or of what is observed, as ``ego.speed``. Python's own parser makes the text a tree;
-every node of it must be one of those kinds, and becomes a small function of the named values.
-Nothing of the text is ever run. What the operations give is said in `sfol.arithmetic` and
-`sfol.soft_comparisons`.
+`FUNCTIONS`, the comparisons of `SOFT_COMPARISONS`, and `QUANTIFIERS` over entities. The names are
+those of signals and parameters, or of what is observed, as ``ego.speed``. Python's own parser reads
+the text into a tree; every node of it must be one of those kinds, and becomes a small function of
+the named values. Nothing of the text is ever run. What the operations give is said in
+`sfol.arithmetic`, `sfol.soft_comparisons` and `sfol.quantifiers`.
 """
 
 from __future__ import annotations
@@ -26,20 +26,69 @@ from sfol import arrays
 from sfol.arithmetic import COMPARISONS, FUNCTIONS, OPERATORS, SIGNS, Operation
 from sfol.arrays import Array
 from sfol.errors import FormulaError, did_you_mean, expect, torn_apart
+from sfol.quantifiers import QUANTIFIERS, Quantifier
 from sfol.soft_comparisons import DEFAULT_SHAPE, DEFAULT_VALUE, SHAPES, SOFT_COMPARISONS
 
 MAXIMUM_LENGTH = 2_000
 MAXIMUM_DEPTH = 40
 
-Values = Mapping[str, Array]
+# name → number or array; key of a range → mappings of numbers by name, or `Entities`.
+Values = Mapping[str, Any]
 _Evaluator = Callable[[Values], Array]
 
 
 class _Kind(NamedTuple):
-    """How a formula is evaluated: which function of an operation is meant, how a name is read."""
+    """How a formula is evaluated.
+
+    Attributes:
+        function: which function of an operation is meant.
+        name: how a name is read.
+        over: how a quantifier goes through entities.
+    """
 
     function: Callable[[Operation], Callable[..., Array]]
     name: Callable[[str], _Evaluator]
+    over: Callable[[Quantifier, Range, _Evaluator], _Evaluator]
+
+
+@dataclass(frozen=True)
+class Range:
+    """The entities that a quantifier goes through, as in ``min(P.x for P in person)``.
+
+    Attributes:
+        variable: what one of them is called, ``P``.
+        sort: which they are: ``person``, or ``next.person``.
+        names: what is read of each: ``P.x``.
+    """
+
+    variable: str
+    sort: str
+    names: frozenset[str]
+
+    @property
+    def key(self) -> str:
+        """The name of the entities among the values of a formula."""
+        return f"{self.variable} in {self.sort}"
+
+
+class Entities(NamedTuple):
+    """The entities of a range, for arrays.
+
+    Attributes:
+        numbers: name, such as ``P.x`` → an array (..., n), with a number for each.
+        there: truth values (..., n): which of them there are.
+    """
+
+    numbers: Mapping[str, Array]
+    there: Array
+
+
+class _Reads:
+    """What a formula reads, found while it is built."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+        self.ranges: list[Range] = []
 
 
 _BINARY: Mapping[type[ast.operator], str] = {
@@ -66,7 +115,7 @@ _OTHER_WORDS: Mapping[type[ast.AST], str] = {
     ast.IfExp: "write where(condition, then, otherwise)",
 }
 _WORD = re.compile(r"[^\W\d]\w*")
-_CALLED = (*FUNCTIONS, *SOFT_COMPARISONS)
+_CALLED = (*FUNCTIONS, *SOFT_COMPARISONS, *(name for name in QUANTIFIERS if name not in FUNCTIONS))
 
 
 @dataclass(frozen=True)
@@ -76,6 +125,8 @@ class Formula:
     Attributes:
         text: as written.
         names: what it reads: signals and parameters, or what is observed, dots and all.
+        ranges: the entities that its quantifiers go through; what is read of them is not among
+            `names`.
 
     Example:
         >>> Formula.parse("-(zeta * v**2 / (d + epsilon))")(dict(zeta=0.05, v=6, d=9, epsilon=1))
@@ -84,6 +135,7 @@ class Formula:
 
     text: str
     names: frozenset[str]
+    ranges: tuple[Range, ...]
     _tree: ast.expr
     _evaluate: _Evaluator
 
@@ -100,16 +152,24 @@ class Formula:
                 f"the formula has {len(text)} characters; {MAXIMUM_LENGTH} are the limit"
             )
         tree = _python_tree(text)
-        names: set[str] = set()
-        evaluate = _built(tree, _NUMBERS, names)
-        return cls(text, frozenset(names), tree, evaluate)
+        reads = _Reads()
+        evaluate = _built(tree, _NUMBERS, reads)
+        return cls(text, frozenset(reads.names), tuple(reads.ranges), tree, evaluate)
 
     def check_names(self, known: Collection[str]) -> None:
         """Make sure that every name is a signal or a parameter.
 
         Raises:
-            FormulaError: for the first name that is not known, with the most similar one.
+            FormulaError: for the first name that is not known, with the most similar one; or it
+                goes through entities.
         """
+        for entities in self.ranges:
+            raise FormulaError(
+                f"the formula goes through '{entities.sort}', and only facts and signals can",
+                name=entities.sort,
+                suggestion="read a signal of yours that does",
+                offset=self.offset_of(entities.sort),
+            )
         for name in sorted(self.names - set(known)):
             raise FormulaError(
                 f"the formula reads '{name}', which is no signal and no parameter",
@@ -170,7 +230,7 @@ class Formula:
 
     @cached_property  # few formulas are asked for many scenes at once
     def _evaluate_arrays(self) -> _Evaluator:
-        return _built(self._tree, _ARRAYS, set())
+        return _built(self._tree, _ARRAYS, _Reads())
 
     def __str__(self) -> str:
         return self.text
@@ -203,9 +263,16 @@ class Formula:
 
     def _parts_without_value(self, values: Mapping[str, float]) -> Iterator[tuple[str, str]]:
         """Yield the parts that are not finite, the innermost first, with what they are."""
-        for node in reversed(list(ast.walk(self._tree))):
-            if isinstance(node, ast.BinOp | ast.Call | ast.UnaryOp):
-                value = _built(node, _NUMBERS, set())(values)
+        nodes = list(ast.walk(self._tree))
+        within = {
+            inner
+            for node in nodes
+            if isinstance(node, ast.GeneratorExp)
+            for inner in ast.walk(node)
+        }
+        for node in reversed(nodes):
+            if isinstance(node, ast.BinOp | ast.Call | ast.UnaryOp) and node not in within:
+                value = _built(node, _NUMBERS, _Reads())(values)
                 if not math.isfinite(value):
                     yield ast.unparse(node), "not a number" if math.isnan(value) else "infinite"
 
@@ -225,8 +292,29 @@ def _number(name: str) -> _Evaluator:
     return read
 
 
-_NUMBERS = _Kind(operator.attrgetter("of_numbers"), _number)
-_ARRAYS = _Kind(operator.attrgetter("of_arrays"), operator.itemgetter)
+def _over_numbers(quantifier: Quantifier, entities: Range, inner: _Evaluator) -> _Evaluator:
+    key = entities.key
+    return lambda values: quantifier.of_numbers(
+        [inner({**values, **numbers}) for numbers in values[key]]
+    )
+
+
+def _over_arrays(quantifier: Quantifier, entities: Range, inner: _Evaluator) -> _Evaluator:
+    def evaluate(values: Values) -> Array:
+        found: Entities = values[entities.key]
+        # Entities are along an axis of their own, the last.
+        others = {
+            name: value[..., None] if getattr(value, "ndim", 0) else value
+            for name, value in values.items()
+            if not isinstance(value, Entities)
+        }
+        return quantifier.of_arrays(inner({**others, **found.numbers}), found.there)
+
+    return evaluate
+
+
+_NUMBERS = _Kind(operator.attrgetter("of_numbers"), _number, _over_numbers)
+_ARRAYS = _Kind(operator.attrgetter("of_arrays"), operator.itemgetter, _over_arrays)
 
 
 def _python_tree(text: str) -> ast.expr:
@@ -281,21 +369,17 @@ def _unreadable(text: str, offset: int) -> FormulaError:
     )
 
 
-def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Evaluator:
+def _built(node: ast.expr, kind: _Kind, reads: _Reads, depth: int = 0) -> _Evaluator:
     """Return a tree as nested functions, refusing what is not in the grammar.
 
     Args:
         node: the tree.
         kind: how it will be evaluated.
-        names: the names that it reads are added here.
+        reads: what it reads is added here.
         depth: of the node within the formula.
     """
     if depth > MAXIMUM_DEPTH:
         raise FormulaError(f"the formula is nested deeper than {MAXIMUM_DEPTH} levels")
-
-    def applied(operation: Operation, *parts: ast.expr) -> _Evaluator:
-        evaluators = [_built(part, kind, names, depth + 1) for part in parts]
-        return _apply(kind.function(operation), *evaluators)
 
     match node:
         case ast.Constant(value=bool() | str() | bytes() | None | complex()):
@@ -303,20 +387,44 @@ def _built(node: ast.expr, kind: _Kind, names: set[str], depth: int = 0) -> _Eva
         case ast.Constant(value=int() | float() as number):
             return _constant(_finite(node, number))
         case ast.Name() | ast.Attribute() if (name := _dotted(node)) is not None:
-            names.add(name)
+            reads.names.add(name)
             return kind.name(name)
+        case ast.Call(args=[ast.GeneratorExp() as each]):
+            return _over_entities(node, each, kind, reads, depth + 1)
+    operation, parts = _operation(node)
+    evaluators = [_built(part, kind, reads, depth + 1) for part in parts]
+    return _apply(kind.function(operation), *evaluators)
+
+
+def _operation(node: ast.expr) -> tuple[Operation, list[ast.expr]]:
+    """Return what a node does, and what it does it to."""
+    match node:
         case ast.UnaryOp() if type(node.op) in _UNARY:
-            return applied(SIGNS[_UNARY[type(node.op)]], node.operand)
+            return SIGNS[_UNARY[type(node.op)]], [node.operand]
         case ast.BinOp() if type(node.op) in _BINARY:
-            return applied(OPERATORS[_BINARY[type(node.op)]], node.left, node.right)
+            return OPERATORS[_BINARY[type(node.op)]], [node.left, node.right]
         case ast.Compare(ops=[op]) if type(op) in _COMPARISONS:
-            return applied(COMPARISONS[_COMPARISONS[type(op)]], node.left, *node.comparators)
+            return COMPARISONS[_COMPARISONS[type(op)]], [node.left, *node.comparators]
         case ast.Compare():
             raise _refused(node, "a chain of comparisons", "write (a < b) * (b < c)")
         case ast.Call():
-            operation, parts = _called(node)
-            return applied(operation, *parts)
+            return _called(node)
     raise _refused(node, f"'{ast.unparse(node):.40}'", _instead(node))
+
+
+def _over_entities(
+    node: ast.Call, each: ast.GeneratorExp, kind: _Kind, reads: _Reads, depth: int
+) -> _Evaluator:
+    quantifier, variable, sort = _quantified(node, each)
+    inner = _Reads()
+    evaluator = _built(each.elt, kind, inner, depth)
+    if inner.ranges:
+        raise _refused(each, "a quantifier within another one")
+    own = frozenset(name for name in inner.names if name.partition(".")[0] == variable)
+    entities = Range(variable, sort, own)
+    reads.names |= inner.names - own
+    reads.ranges.append(entities)
+    return kind.over(quantifier, entities, evaluator)
 
 
 def _dotted(node: ast.expr) -> str | None:
@@ -327,6 +435,19 @@ def _dotted(node: ast.expr) -> str | None:
         case ast.Attribute(value=inner, attr=field) if not field.startswith("_"):
             return None if (whole := _dotted(inner)) is None else f"{whole}.{field}"
     return None
+
+
+def _quantified(node: ast.Call, each: ast.GeneratorExp) -> tuple[Quantifier, str, str]:
+    """Return a quantifier, its variable, and the sort that this goes through."""
+    name = node.func.id if isinstance(node.func, ast.Name) else ast.unparse(node.func)
+    if name not in QUANTIFIERS or node.keywords:
+        raise _refused(node, f"'{name}' of entities", did_you_mean(name, QUANTIFIERS), name=name)
+    match each.generators:
+        case [ast.comprehension(target=ast.Name(id=variable), iter=sorts, ifs=[], is_async=0)]:
+            sort = _dotted(sorts)
+            if sort is not None and variable[:1].isupper():
+                return QUANTIFIERS[name], variable, sort
+    raise _refused(each, f"'{ast.unparse(each):.40}'", "written like min(P.x for P in pedestrian)")
 
 
 def _called(node: ast.Call) -> tuple[Operation, list[ast.expr]]:

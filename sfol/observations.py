@@ -50,52 +50,43 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Range:
-    """A variable of a fact, over the entities of a sort.
+    """A variable and its sort, with what is read of the sort's entities.
 
     Attributes:
-        sort: its name.
-        fields: name in the formula → column among those of the sort that are read.
+        whole: which of the things that are read.
+        name: of the sort.
+        sort: as the knowledge base has it.
+        entities: what they are called, row by row.
+        readings: of each entity.
     """
 
-    sort: str
-    fields: tuple[tuple[str, int], ...]
+    whole: str
+    name: str
+    sort: Sort
+    entities: tuple[str, ...]
+    readings: tuple[_Reading, ...]
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """A fact, with what its formula reads.
+    """A formula, with what it reads.
 
     Attributes:
-        fact: as the knowledge base has it.
+        formula: of a fact or a signal.
         readings: of numbers that belong to no entity.
-        ranges: its variables, in the order of the atom's arguments.
-        known_from: the least value with which something is known.
+        quantified: key of a range → the entities that a quantifier goes through.
+        variables: those of the fact's own variables, in their order.
     """
 
-    fact: ObservedFact
+    formula: Formula
     readings: tuple[_Reading, ...]
-    ranges: tuple[_Range, ...]
-    known_from: float
+    quantified: Mapping[str, _Range]
+    variables: tuple[_Range, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Table:
-    """A sort, and what is read of its entities.
-
-    Attributes:
-        name: of the sort.
-        sort: as the knowledge base has it.
-        entities: what they are called, row by row.
-        columns: field → the part of the observation and the column in it, of what is read.
-    """
-
-    name: str
-    sort: Sort
-    entities: tuple[str, ...]
-    columns: Mapping[str, tuple[str, int]]
-
-
-_Row = tuple[str, tuple[float, ...]]  # an entity: its name, and its numbers in order
+# Of a sort's tables: which rows are there, and the numbers of those, part by part.
+_Table = tuple[list[int], dict[str, list[list[float]]]]
+_Row = tuple[str, dict[str, float]]  # an entity: its name, and its numbers by name in a formula
 
 
 class ObservationReader:
@@ -107,12 +98,8 @@ class ObservationReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self._tables = {name: self._table(name) for name in kb.entities}
-        self._plans = [self._plan(fact) for fact in kb.facts]
-        self._signals = {
-            name: (formula, [self._reading(used) for used in sorted(formula.names)])
-            for name, formula in kb.observed_signals.items()
-        }
+        self._facts = [(fact, self._plan(fact.formula, fact.sorts)) for fact in kb.facts]
+        self._signals = {name: self._plan(f, {}) for name, f in kb.observed_signals.items()}
 
     @property
     def reads_facts(self) -> bool:
@@ -134,10 +121,9 @@ class ObservationReader:
                 suggestion="add the sections observation and facts, or make the facts yourself",
             )
         scene = _Scene(self._kb.observation, {"": observation}, FactError)
-        rows = {name: _rows(table, scene) for name, table in self._tables.items()}
         facts = Facts(margin=self._kb.grounding.margin)
-        for plan in self._plans:
-            _add(facts, plan, scene.values(plan.readings), rows)
+        for fact, plan in self._facts:
+            _add(facts, fact, plan, scene)
         return facts
 
     def signals(
@@ -163,33 +149,29 @@ class ObservationReader:
         wholes = {"": observation, ACTION: action, NEXT: next_observation}
         scene = _Scene(self._kb.observation, wholes, SignalError)
         return {
-            name: _signal(name, formula, scene.values(readings))
-            for name, (formula, readings) in self._signals.items()
+            name: _signal(name, plan.formula, scene.values(plan))
+            for name, plan in self._signals.items()
             if name not in but
         }
 
-    def _table(self, name: str) -> _Table:
-        sort = self._kb.entities[name]
-        read = {
-            used.partition(".")[2]
-            for fact in self._kb.facts
-            for used in fact.formula.names
-            if fact.sorts.get(used.partition(".")[0]) == name
-        }
-        fields = fields_of(self._kb.observation, sort)
-        columns = {field: place for field, place in fields.items() if field in read}
-        return _Table(name, sort, entity_names(name, sort), columns)
+    def _plan(self, formula: Formula, sorts: Mapping[str, str]) -> _Plan:
+        own = {name: name.partition(".")[0] for name in sorted(formula.names)}
+        return _Plan(
+            formula,
+            tuple(self._reading(name) for name, first in own.items() if first not in sorts),
+            {r.key: self._range(r.sort, sorted(r.names)) for r in formula.ranges},
+            tuple(
+                self._range(sort, [name for name, first in own.items() if first == variable])
+                for variable, sort in sorts.items()
+            ),
+        )
 
-    def _plan(self, fact: ObservedFact) -> _Plan:
-        names = {name: name.partition(".") for name in sorted(fact.formula.names)}
-        ranges = []
-        for variable, sort in fact.sorts.items():
-            columns = {field: i for i, field in enumerate(self._tables[sort].columns)}
-            fields = [(n, columns[f]) for n, (v, _, f) in names.items() if v == variable]
-            ranges.append(_Range(sort, tuple(fields)))
-        others = [name for name, (first, *_) in names.items() if first not in fact.sorts]
-        readings = tuple(self._reading(name) for name in others)
-        return _Plan(fact, readings, tuple(ranges), least(fact.at_least))
+    def _range(self, name: str, names: Sequence[str]) -> _Range:
+        whole, _, own = name.rpartition(".")
+        sort = self._kb.entities[own]
+        fields = fields_of(self._kb.observation, sort)
+        readings = [_Reading(used, whole, *fields[used.partition(".")[2]]) for used in names]
+        return _Range(whole, own, sort, entity_names(own, sort), tuple(readings))
 
     def _reading(self, name: str) -> _Reading:
         first, *rest = name.split(".")
@@ -202,7 +184,7 @@ class ObservationReader:
 # -- formulas, entity by entity -----------------------------------------------------------------
 
 
-def _signal(name: str, formula: Formula, values: Mapping[str, float]) -> float:
+def _signal(name: str, formula: Formula, values: Mapping[str, Any]) -> float:
     try:
         return formula.maybe_infinite(values)
     except FormulaError as error:
@@ -211,27 +193,24 @@ def _signal(name: str, formula: Formula, values: Mapping[str, float]) -> float:
         ) from None
 
 
-def _add(
-    facts: Facts,
-    plan: _Plan,
-    values: dict[str, float],
-    rows: Mapping[str, Sequence[_Row]],
-) -> None:
+def _add(facts: Facts, fact: ObservedFact, plan: _Plan, scene: _Scene) -> None:
     """Add the atoms of a fact for all entities."""
-    fact, margin = plan.fact, 0.0 if plan.fact.exact else facts.margin
-    for chosen in product(*(rows[variable.sort] for variable in plan.ranges)):
-        for variable, (_, numbers) in zip(plan.ranges, chosen, strict=True):
-            for name, column in variable.fields:
-                values[name] = numbers[column]
+    shared = scene.values(plan)
+    margin = 0.0 if fact.exact else facts.margin
+    known_from = least(fact.at_least)
+    for chosen in product(*map(scene.rows, plan.variables)):
+        values = dict(shared)
+        for _, numbers in chosen:
+            values.update(numbers)
         entities = dict(zip(fact.sorts, (entity for entity, _ in chosen), strict=True))
         confidence = _confidence(fact, entities, values)
-        if confidence >= plan.known_from:
+        if confidence >= known_from:
             atom = fact.atom.substituted(entities)
             facts.add(atom.predicate, *atom.arguments, bound=Bound.around(confidence, margin))
 
 
 def _confidence(
-    fact: ObservedFact, entities: Mapping[str, str], values: Mapping[str, float]
+    fact: ObservedFact, entities: Mapping[str, str], values: Mapping[str, Any]
 ) -> float:
     try:
         confidence = fact.formula(values)
@@ -248,28 +227,6 @@ def _confidence(
         name=fact.atom.predicate,
         suggestion="a confidence is from 0 to 1: clip it, or use below, above, between or near",
     )
-
-
-def _rows(table: _Table, scene: _Scene) -> list[_Row]:
-    """Return the entities of a sort that are there."""
-    parts = {name: scene.table(name, table.sort.at_most) for name in table.sort.tables}
-    counts = {name: len(numbers) for name, (numbers, _) in parts.items()}
-    if len({*counts.values()}) > 1:
-        shown = " and ".join(f"{count} in '{name}'" for name, count in counts.items())
-        raise FactError(
-            f"the tables of '{table.name}' have different numbers of rows: {shown}",
-            name=table.name,
-            suggestion="a row of each is one entity",
-        )
-    there = np.flatnonzero(np.logical_and.reduce([present for _, present in parts.values()]))
-    columns = {
-        field: parts[name][0][there, column] for field, (name, column) in table.columns.items()
-    }
-    for field, numbers in columns.items():
-        for row in np.flatnonzero(np.isnan(numbers)):
-            scene.refuse_nan(f"{table.entities[there[row]]}.{field}".removesuffix("."))
-    numbers = zip(*(column.tolist() for column in columns.values()), strict=True)
-    return [(table.entities[row], next(numbers, ())) for row in there.tolist()]
 
 
 # -- the parts of an observation ----------------------------------------------------------------
@@ -293,23 +250,31 @@ class _Scene:
         self._wholes = wholes
         self._error = error
         self._records: dict[tuple[str, str], list[float]] = {}
+        self._tables: dict[tuple[str, str], _Table] = {}
 
-    def values(self, readings: Sequence[_Reading]) -> dict[str, float]:
-        """Return name → number."""
-        values = {}
-        for reading in readings:
+    def values(self, plan: _Plan) -> dict[str, Any]:
+        """Return what a formula reads that has no variable of a fact."""
+        values: dict[str, Any] = {}
+        for reading in plan.readings:
             values[reading.name] = self._record(reading)[reading.column]
             if math.isnan(values[reading.name]):
                 self.refuse_nan(reading.name)
+        for key, entities in plan.quantified.items():
+            values[key] = [numbers for _, numbers in self.rows(entities)]
         return values
 
-    def table(self, name: str, at_most: int) -> tuple[_Reals, npt.NDArray[np.bool_]]:
-        """Return a table's numbers (n, k), and which of its n rows are there."""
-        numbers = self._block("", name, of_rows=True)
-        if len(numbers) > at_most:
-            message = f"'{name}' has {len(numbers)} rows"
-            raise self._error(message, name=name, suggestion=f"at_most says {at_most}")
-        return numbers, self._present(name, numbers)
+    def rows(self, entities: _Range) -> list[_Row]:
+        """Return the entities of a range that are there."""
+        there, blocks = self._table(entities)
+        rows = []
+        for index, row in enumerate(there):
+            name = entities.entities[row]
+            numbers = {r.name: blocks[r.source][index][r.column] for r in entities.readings}
+            for used, number in numbers.items():
+                if math.isnan(number):
+                    self.refuse_nan("".join([name, *used.partition(".")[1:]]))
+            rows.append((name, numbers))
+        return rows
 
     def refuse_nan(self, what: str) -> NoReturn:
         """Raise the error that a number is NaN."""
@@ -321,14 +286,40 @@ class _Scene:
             self._records[key] = self._block(*key).tolist()
         return self._records[key]
 
-    def _present(self, name: str, numbers: _Reals) -> npt.NDArray[np.bool_]:
+    def _table(self, entities: _Range) -> _Table:
+        """Return which rows of a sort's tables are there, and the numbers of those."""
+        key = (entities.whole, entities.name)
+        if key not in self._tables:
+            self._tables[key] = self._read_table(*key, entities.sort)
+        return self._tables[key]
+
+    def _read_table(self, whole: str, name: str, sort: Sort) -> _Table:
+        blocks = {part: self._block(whole, part, of_rows=True) for part in sort.tables}
+        counts = {part: len(block) for part, block in blocks.items()}
+        if len({*counts.values()}) > 1:
+            shown = " and ".join(f"{count} in '{part}'" for part, count in counts.items())
+            raise self._error(
+                f"the tables of '{name}' have different numbers of rows: {shown}",
+                name=name,
+                suggestion="a row of each is one entity",
+            )
+        first, count = next(iter(counts.items()))
+        if count > sort.at_most:
+            raise self._error(
+                f"'{first}' has {count} rows", name=first, suggestion=f"at_most says {sort.at_most}"
+            )
+        masks = [self._present(whole, part, block) for part, block in blocks.items()]
+        there = np.flatnonzero(np.logical_and.reduce(masks))
+        return there.tolist(), {part: block[there].tolist() for part, block in blocks.items()}
+
+    def _present(self, whole: str, name: str, numbers: _Reals) -> npt.NDArray[np.bool_]:
         source = self._sources[name]
         if source.present is None:
             return np.ones(len(numbers), dtype=np.bool_)
         if source.mask is None:
             mask = numbers[:, source.columns[str(source.present)]]
         else:
-            mask = self._reals(f"{name}.present", self._at("", source.mask))
+            mask = self._reals(f"{name}.present", self._at(whole, source.mask))
         if mask.shape != (len(numbers),):
             raise self._misshapen(f"{name}.present", mask, f"({len(numbers)},)")
         if np.isnan(mask).any():
@@ -343,7 +334,9 @@ class _Scene:
             numbers = self._by_name(name, part)
         else:
             numbers = self._reals(name, part)
-        if not source.columns and numbers.ndim == of_rows:
+        if of_rows and numbers.shape == (0,):  # a list of nobody
+            numbers = np.zeros((0, _width(source)))
+        elif not source.columns and numbers.ndim == of_rows:
             numbers = numbers[..., None]
         if numbers.ndim != 1 + of_rows or not _fits(source, numbers.shape[-1]):
             raise self._misshapen(name, numbers, _shape_of(source, of_rows=of_rows))
@@ -403,18 +396,19 @@ class _Scene:
         )
 
 
+def _width(source: Source) -> int:
+    """Return how many numbers a part has, in a row, at least."""
+    return max(source.columns.values(), default=0) + 1
+
+
 def _fits(source: Source, width: int) -> bool:
     """Tell whether a part may have so many numbers, in a row."""
-    if isinstance(source.fields, dict):
-        return width > max(source.fields.values())
-    return width == max(len(source.columns), 1)
+    return width >= _width(source) if isinstance(source.fields, dict) else width == _width(source)
 
 
 def _shape_of(source: Source, *, of_rows: bool) -> str:
     """Return the shape that a part must have, as text."""
     if not source.columns:
         return "(n,)" if of_rows else "(), a single number"
-    width = str(len(source.columns))
-    if isinstance(source.fields, dict):
-        width = f"{max(source.fields.values()) + 1} or more"
+    width = f"{_width(source)} or more" if isinstance(source.fields, dict) else f"{_width(source)}"
     return f"(n, {width})" if of_rows else f"({width},)"

@@ -27,6 +27,7 @@ GROUND = {
         "syntax",
         "facts",
         "soft_comparisons",
+        "quantifiers",
         "formula",
         "operators",
         "literals",

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence, Set
 from itertools import chain
 
 from sfol.errors import FormulaError, did_you_mean
-from sfol.formula import Formula, check_formula_name
+from sfol.formula import Formula, Range, check_formula_name
 from sfol.knowledge_base.format import FactEntry, KnowledgeBaseFile, Sort, Source
 from sfol.knowledge_base.parts import ObservedFact, fields_of
 from sfol.knowledge_base.reporting import Path, Reporter
@@ -22,6 +22,8 @@ MAXIMUM_ENTITIES = 10_000
 MAXIMUM_ATOMS = 100_000
 
 _Fields = Mapping[str, object]
+_Fault = tuple[str, str, str | None]  # what is wrong, the word that is, a suggestion
+_NOT_IN_FACTS, _BEFORE = "a fact can't read '{}'", "it is of the state before the action"
 
 
 class ObservationChecker:
@@ -213,11 +215,13 @@ class ObservationChecker:
         total = 0
         for fact in facts:
             sorts = [self._file.entities.get(sort) for sort in fact.sorts.values()]
-            total += math.prod(sort.at_most for sort in sorts if sort is not None)
+            atoms = math.prod(sort.at_most for sort in sorts if sort is not None)
+            inner = [self._file.entities.get(r.sort) for r in fact.formula.ranges]
+            total += atoms * (1 + sum(sort.at_most for sort in inner if sort is not None))
             if total > MAXIMUM_ATOMS:
                 self._report(
                     ("facts", fact.text),
-                    f"there are more than {MAXIMUM_ATOMS:,} atoms",
+                    f"there are more than {MAXIMUM_ATOMS:,} atoms to read",
                     fact.atom.predicate,
                     "smaller sorts, with at_most, have fewer pairs",
                 )
@@ -228,20 +232,40 @@ class ObservationChecker:
     def _check_names(
         self, path: Path, formula: Formula, sorts: Mapping[str, str], *, in_signal: bool = False
     ) -> None:
-        for name in sorted(formula.names):
-            found = self._fault(name, sorts, in_signal=in_signal)
-            if found is not None:
-                message, wrong, suggestion = found
-                self._report(path, message, wrong, suggestion, formula.offset_of(name))
+        for entities in formula.ranges:
+            fault = self._range_fault(entities, sorts, in_signal=in_signal)
+            if fault is not None:
+                self._report(path, *fault, formula.offset_of(entities.sort))
+        named = [(name, sorts) for name in sorted(formula.names)]
+        for entities in formula.ranges:
+            own = {entities.variable: entities.sort.removeprefix(f"{NEXT}.")}
+            named += [(name, own) for name in sorted(entities.names)]
+        for name, known in named:
+            fault = self._fault(name, known, in_signal=in_signal)
+            if fault is not None:
+                self._report(path, *fault, formula.offset_of(name))
 
-    def _fault(
-        self, name: str, sorts: Mapping[str, str], *, in_signal: bool
-    ) -> tuple[str, str, str | None] | None:
-        """Return what is wrong with a name of a formula, the word that is, and a suggestion."""
+    def _range_fault(
+        self, entities: Range, sorts: Mapping[str, str], *, in_signal: bool
+    ) -> _Fault | None:
+        """Return what is wrong with the entities that a quantifier goes through."""
+        *first, sort = entities.sort.split(".")
+        if first == [NEXT] and not in_signal:
+            return _NOT_IN_FACTS.format(NEXT), NEXT, _BEFORE
+        if first not in ([], [NEXT]) or sort not in self._file.entities:
+            hint = did_you_mean(sort, self._file.entities)
+            return f"'{entities.sort}' is no sort", entities.sort, hint
+        if entities.variable in sorts:
+            message = f"the variable '{entities.variable}' stands twice"
+            return message, entities.variable, "take another one for the quantifier"
+        return None
+
+    def _fault(self, name: str, sorts: Mapping[str, str], *, in_signal: bool) -> _Fault | None:
+        """Return what is wrong with a name of a formula."""
         first, *rest = name.split(".")
         known: Set[str] = self._file.observation.keys()
         if first in (NEXT, ACTION) and not in_signal:
-            return f"a fact can't read '{first}'", first, "it is of the state before the action"
+            return _NOT_IN_FACTS.format(first), first, _BEFORE
         if first == NEXT:
             known = known - {ACTION}
             first, *rest = rest or [""]
@@ -259,9 +283,7 @@ class ObservationChecker:
         return self._field_fault(first, rest, columns or {"": 0})
 
     @staticmethod
-    def _field_fault(
-        owner: str, rest: Sequence[str], fields: _Fields | None
-    ) -> tuple[str, str, str | None] | None:
+    def _field_fault(owner: str, rest: Sequence[str], fields: _Fields | None) -> _Fault | None:
         field = ".".join(rest)
         if fields is None or field in fields:  # where the sort itself is wrong, that was said
             return None

@@ -239,13 +239,14 @@ def _expects_nothing(kb: KnowledgeBase) -> Iterator[Finding]:
 
 
 def _unread(kb: KnowledgeBase) -> Iterator[Finding]:
-    sorts = {sort for fact in kb.facts for sort in fact.sorts.values()}
     formulas = [*(fact.formula for fact in kb.facts), *kb.observed_signals.values()]
+    sorts = {sort for fact in kb.facts for sort in fact.sorts.values()}
+    sorts |= {part for f in formulas for r in f.ranges for part in r.sort.split(".")}
     parts = {part for f in formulas for name in f.names for part in name.split(".")[:2]}
     parts |= {table for sort in kb.entities.values() for table in sort.tables}
     for section, names, used, what in (
         ("observation", kb.observation, parts, "no fact, signal or sort reads the part"),
-        ("entities", kb.entities, sorts, "no fact is about entities of the sort"),
+        ("entities", kb.entities, sorts, "no fact or signal is about the entities of"),
     ):
         for name in names:
             if name not in used:

@@ -2,6 +2,7 @@
 
 import copy
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -312,10 +313,33 @@ PARTS = ["people", "mask", "body", "light"]
 def test_whatever_is_observed_gives_facts_or_an_error_of_ours(hall, value):
     reward = hall()
     for observation in (value, *(observed(**{part: value}) for part in PARTS)):
-        for given in ((observation, ACTION, NEXT), (OBSERVATION, value, NEXT)):
-            try:
-                outcome = reward.transition(*given)
-            except (FactError, SignalError) as error:
-                assert error.name
-            else:
-                assert math.isfinite(outcome.reward)
+        for seen in ((observation, ACTION, NEXT), (OBSERVATION, value, NEXT)):
+            with suppress(FactError, SignalError):
+                assert math.isfinite(reward.transition(*seen).reward)
+
+
+def test_quantifiers_go_through_everybody_who_is_there(hall):
+    near = "min(hypot(P.x - robot.x, P.y - robot.y) for P in person)"
+    after = "min(hypot(P.x - next.robot.x, P.y) for P in next.person)"
+    changes = {
+        "from: robot.speed": f"from: '{near}'",
+        "from: next.robot.speed": f"from: '{after}'",
+        "Person(P in person): 1.0": "Person(P in person): 1 - any(Q.x > P.x for Q in person)",
+    }
+    reward = hall(changes)
+    later = {**NEXT, "people": [[9.0, 0.0], [4.0, 0.0]], "mask": [1, 0]}
+    signals = reward.observe_signals(OBSERVATION, ACTION, later)
+    assert (signals["v"], signals["v_next"]) == (1.0, 9.0)
+    facts = reward.observe(OBSERVATION)
+    found = [facts.bound("Person", f"person{row}") for row in (1, 2, 3, 4)]
+    assert found == [(0.0, 0.0), (0.95, 1.0), (0.0, 0.0), None]
+    for nobody in (observed(people=[], mask=[]), observed(people=np.zeros((0, 2)), mask=[])):
+        assert len(reward.observe(nobody)) == 0
+        assert reward.observe_signals(nobody, ACTION, later)["v"] == math.inf
+    assert reward.observe_signals(nobody, ACTION, {**later, "mask": [0, 0]})["v_next"] == math.inf
+
+
+def test_nan_of_whom_a_quantifier_goes_through_is_named(hall):
+    reward = hall({"from: robot.speed": "from: sum(P.x for P in person)"})
+    with pytest.raises(SignalError, match=r"person4\.x is NaN"):
+        reward.observe_signals(observed(mask=[1, 1, 1, 1]), ACTION, NEXT)
