@@ -109,12 +109,27 @@ class Backend(Protocol):
 
     @staticmethod
     def largest(values: Array, /) -> Array:
-        """Return the largest along the last axis, which is not empty."""
+        """Return the largest along the first axis, which is not empty."""
         ...
 
     @staticmethod
     def total(values: Array, /) -> Array:
-        """Return the sum along the last axis."""
+        """Return the sum along the first axis."""
+        ...
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        """Tell whether any element along an axis, which is kept with size 1, is true."""
+        ...
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        """Return the largest along an axis, which is kept with size 1; minus infinity of none."""
+        ...
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        """Return the sum along some axes, which are kept with size 1."""
         ...
 
     @classmethod
@@ -198,11 +213,23 @@ class _Numpy(Backend):
 
     @staticmethod
     def largest(values: Array) -> Array:
-        return values.max(axis=-1)
+        return values.max(axis=0)
 
     @staticmethod
     def total(values: Array) -> Array:
-        return values.sum(axis=-1)
+        return values.sum(axis=0)
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        return values.any(axis=axis, keepdims=True)
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        return values.max(axis=axis, keepdims=True, initial=-math.inf)
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        return values.sum(axis=axes, keepdims=True)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -333,11 +360,26 @@ class _Torch(Backend):
 
     @staticmethod
     def largest(values: Array) -> Array:
-        return values.amax(-1)
+        return values.amax(0)
 
     @staticmethod
     def total(values: Array) -> Array:
-        return values.sum(-1)
+        return values.sum(0)
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        return values.any(dim=axis, keepdim=True)
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        if values.shape[axis]:
+            return values.amax(axis, keepdim=True)
+        shape = [1 if i == axis else size for i, size in enumerate(values.shape)]
+        return values.new_full(shape, -math.inf)
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        return values.sum(dim=axes, keepdim=True) if axes else values
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -476,12 +518,12 @@ where = _elementwise("where", lambda condition, then, otherwise: then if conditi
 
 
 def largest(values: Array) -> Array:
-    """Return the largest along the last axis of an array, which is not empty."""
+    """Return the largest along the first axis of an array, which is not empty."""
     return _backend(values).largest(values)
 
 
 def total(values: Array) -> Array:
-    """Return the sum along the last axis of an array."""
+    """Return the sum along the first axis of an array."""
     return _backend(values).total(values)
 
 

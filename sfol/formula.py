@@ -75,8 +75,9 @@ class Entities(NamedTuple):
     """The entities of a range, for arrays.
 
     Attributes:
-        numbers: name, such as ``P.x`` → an array (..., n), with a number for each.
-        there: truth values (..., n): which of them there are.
+        numbers: name, such as ``P.x`` → an array (n, ...), with a number for each along an axis
+            that no other value has.
+        there: truth values (n, ...): which of them there are.
     """
 
     numbers: Mapping[str, Array]
@@ -302,13 +303,7 @@ def _over_numbers(quantifier: Quantifier, entities: Range, inner: _Evaluator) ->
 def _over_arrays(quantifier: Quantifier, entities: Range, inner: _Evaluator) -> _Evaluator:
     def evaluate(values: Values) -> Array:
         found: Entities = values[entities.key]
-        # Entities are along an axis of their own, the last.
-        others = {
-            name: value[..., None] if getattr(value, "ndim", 0) else value
-            for name, value in values.items()
-            if not isinstance(value, Entities)
-        }
-        return quantifier.of_arrays(inner({**others, **found.numbers}), found.there)
+        return quantifier.of_arrays(inner({**values, **found.numbers}), found.there)
 
     return evaluate
 

@@ -25,7 +25,7 @@ class Quantifier:
     Attributes:
         fold: combines two numbers.
         combine: the same, of arrays.
-        reduce: combines the numbers along the last axis of an array, which is not empty.
+        reduce: combines the numbers along the first axis of an array, which is not empty.
         of_nobody: its value over nobody.
     """
 
@@ -39,14 +39,14 @@ class Quantifier:
         return reduce(self.fold, numbers, self.of_nobody)
 
     def of_arrays(self, values: Array, there: Array) -> Array:
-        """Return its value along the last axis.
+        """Return its value along the first axis.
 
         Args:
-            values: (..., n), a number for each entity.
+            values: (n, ...), a number for each entity.
             there: truth values, of a shape that broadcasts: which entities are there.
         """
         masked = arrays.where(there, values, self.of_nobody)
-        if not masked.shape[-1]:
+        if not masked.shape[0]:
             return arrays.total(masked) + self.of_nobody
         return self.combine(self.reduce(masked), self.of_nobody)
 

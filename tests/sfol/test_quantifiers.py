@@ -48,7 +48,8 @@ masks = st.lists(st.booleans(), min_size=3, max_size=3)
 @given(rows, masks, st.sampled_from([*QUANTIFIERS]), st.floats(-9, 9))
 def test_arrays_give_what_numbers_give(kind, values, mask, name, c):
     formula = Formula.parse(f"{name}(P.d * s - c for P in person) + s")
-    there, array, s = [mask] * len(values), np.array(values), np.array([row[0] for row in values])
+    there, array = np.array([mask] * len(values)).T, np.array(values).T
+    s = array[0]
     if kind == "torch":
         there, array, s = map(pytest.importorskip("torch").tensor, (there, array, s))
     entities = Entities({"P.d": array}, there)
@@ -63,7 +64,7 @@ def test_arrays_give_what_numbers_give(kind, values, mask, name, c):
 @pytest.mark.parametrize("name", QUANTIFIERS)
 def test_over_no_rows_at_all(name):
     formula = Formula.parse(f"{name}(P.d for P in person)")
-    entities = Entities({"P.d": np.zeros((2, 0))}, np.zeros((2, 0), bool))
+    entities = Entities({"P.d": np.zeros((0, 2))}, np.zeros((0, 2), bool))
     found = formula._evaluate_arrays({"P in person": entities}).tolist()
     assert found == [formula.maybe_infinite(people())] * 2
 
