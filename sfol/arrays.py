@@ -118,6 +118,21 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def turned(values: Array, /) -> Array:
+        """Return an array with its axes in reverse order, written out in that order."""
+        ...
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        """Return arrays of one shape as one, along a new first axis."""
+        ...
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        """Return an array as one of a larger shape, in which elements repeat."""
+        ...
+
+    @staticmethod
     def any_along(values: Array, axis: int) -> Array:
         """Tell whether any element along an axis, which is kept with size 1, is true."""
         ...
@@ -218,6 +233,18 @@ class _Numpy(Backend):
     @staticmethod
     def total(values: Array) -> Array:
         return values.sum(axis=0)
+
+    @staticmethod
+    def turned(values: Array) -> Array:
+        return np.ascontiguousarray(values.T)
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        return np.stack(values)
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        return np.broadcast_to(values, shape)
 
     @staticmethod
     def any_along(values: Array, axis: int) -> Array:
@@ -365,6 +392,18 @@ class _Torch(Backend):
     @staticmethod
     def total(values: Array) -> Array:
         return values.sum(0)
+
+    @staticmethod
+    def turned(values: Array) -> Array:
+        return values.permute(*reversed(range(values.ndim))).contiguous()
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        return sys.modules["torch"].stack(values)
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        return values.expand(shape)
 
     @staticmethod
     def any_along(values: Array, axis: int) -> Array:
@@ -531,3 +570,8 @@ def _backend(values: Array) -> type[Backend]:
     kind = _kind_of([values])
     assert kind is not None, "an array is expected"
     return kind
+
+
+def plain(values: Array) -> npt.NDArray[Any]:
+    """Return the elements of an array as an array of numpy's, without gradients."""
+    return _backend(values).plain(values)

@@ -229,6 +229,15 @@ class Formula:
             raise self._no_numbers(values, result)
         return result
 
+    def unchecked(self, values: Values) -> Array:
+        """Return the formula's value for arrays as `elementwise` does, whatever it is.
+
+        Args:
+            values: see `elementwise`; and `Entities` by the key of each range in `ranges`.
+        """
+        with np.errstate(all="ignore"):
+            return self._evaluate_arrays(values)
+
     @cached_property  # few formulas are asked for many scenes at once
     def _evaluate_arrays(self) -> _Evaluator:
         return _built(self._tree, _ARRAYS, _Reads())

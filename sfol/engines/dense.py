@@ -69,6 +69,10 @@ class Domains:
         sizes = {sort: len(names) for sort, names in sorts.items()}
         return cls({**sizes, **{f"={constant}": 1 for constant in alone}}, places)
 
+    def of_slots(self, slots: Iterable[str]) -> Axes:
+        """Return the domains of sorts, and of constants among them."""
+        return tuple(self.places[slot][0] if slot in self.places else slot for slot in slots)
+
     def axes(self, constants: Iterable[str]) -> Axes:
         """Return the domains of some constants."""
         return tuple(self.places[constant][0] for constant in constants)
@@ -166,14 +170,24 @@ class DenseProgram:
             evaluation.stratum(head, rules)
         return evaluation.blocks
 
-    def of_subject(self, blocks: Blocks) -> dict[str, Bounds | None]:
-        """Return the bounds of the subject's heads (B,), None where no scene can have any."""
+    def of_subject(self, blocks: Blocks, backend: Backend, size: int) -> dict[str, Bounds]:
+        """Return the bounds of the subject's heads: head → (B,).
+
+        Args:
+            blocks: that `conclude` returned.
+            backend: the library of arrays.
+            size: B, the number of scenes.
+        """
         domain, place = self.domains.places[self.program.knowledge_base.subject]
-        found: dict[str, Bounds | None] = {}
+        nobody = Bounds(*(backend.full(1, 0.0)[None],) * 2, backend.full(1, False)[None])
+        found = {}
         for head in self.program.subject_heads:
-            block = blocks.get((head, (domain,)))
-            found[head] = block and Bounds(
-                block.lower[place], block.upper[place], block.known[place]
+            block = blocks.get((head, (domain,))) or nobody
+            found[head] = Bounds(
+                *(
+                    backend.broadcast(_taken(values, 0, place), (size,))
+                    for values in (block.lower, block.upper, block.known)
+                )
             )
         return found
 

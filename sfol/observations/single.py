@@ -1,15 +1,12 @@
-"""Facts and signals, read off an observation as a knowledge base says.
+"""Facts and signals of one scene.
 
-The sections `observation`, `entities` and `facts` and the signals with `from` are compiled once
-into readings: which number, of which part of the observation, each name of a formula means. Every
-formula is then evaluated for every entity that is there.
+Every formula is evaluated for every entity that is there, one after the other.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, NoReturn
 
@@ -17,72 +14,27 @@ import numpy as np
 import numpy.typing as npt
 
 from sfol import arrays
-from sfol.errors import FactError, FormulaError, SignalError, UsageError, did_you_mean
+from sfol.errors import FactError, FormulaError, SignalError, UsageError
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
-from sfol.knowledge_base.observing import ACTION, NEXT, entity_names
-from sfol.knowledge_base.parts import fields_of
+from sfol.knowledge_base.observing import ACTION, NEXT
+from sfol.observations.plans import (
+    Error,
+    Observation,
+    Plan,
+    Range,
+    Reading,
+    fits,
+    part_at,
+    plan_of,
+    shape_of,
+    under,
+    width_of,
+)
 from sfol.operators import least
 
 _Reals = npt.NDArray[np.float64]
-_Error = type[FactError] | type[SignalError]
-
-Observation = Any  # mappings, sequences and arrays, nested in any way
-
-
-@dataclass(frozen=True)
-class _Reading:
-    """A name of a formula, and the number that it means.
-
-    Attributes:
-        name: as in the formula, such as ``next.ego.speed`` or ``P.x``.
-        whole: which of the things that are read: ``""`` for the observation, ``next``, ``action``.
-        source: a part of it.
-        column: of that part.
-    """
-
-    name: str
-    whole: str
-    source: str
-    column: int
-
-
-@dataclass(frozen=True)
-class _Range:
-    """A variable and its sort, with what is read of the sort's entities.
-
-    Attributes:
-        whole: which of the things that are read.
-        name: of the sort.
-        sort: as the knowledge base has it.
-        entities: what they are called, row by row.
-        readings: of each entity.
-    """
-
-    whole: str
-    name: str
-    sort: Sort
-    entities: tuple[str, ...]
-    readings: tuple[_Reading, ...]
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """A formula, with what it reads.
-
-    Attributes:
-        formula: of a fact or a signal.
-        readings: of numbers that belong to no entity.
-        quantified: key of a range → the entities that a quantifier goes through.
-        variables: those of the fact's own variables, in their order.
-    """
-
-    formula: Formula
-    readings: tuple[_Reading, ...]
-    quantified: Mapping[str, _Range]
-    variables: tuple[_Range, ...] = ()
-
 
 # Of a sort's tables: which rows are there, and the numbers of those, part by part.
 _Table = tuple[list[int], dict[str, list[list[float]]]]
@@ -98,8 +50,8 @@ class ObservationReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self._facts = [(fact, self._plan(fact.formula, fact.sorts)) for fact in kb.facts]
-        self._signals = {name: self._plan(f, {}) for name, f in kb.observed_signals.items()}
+        self._facts = [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts]
+        self._signals = {name: plan_of(kb, f) for name, f in kb.observed_signals.items()}
 
     @property
     def reads_facts(self) -> bool:
@@ -154,32 +106,6 @@ class ObservationReader:
             if name not in but
         }
 
-    def _plan(self, formula: Formula, sorts: Mapping[str, str]) -> _Plan:
-        own = {name: name.partition(".")[0] for name in sorted(formula.names)}
-        return _Plan(
-            formula,
-            tuple(self._reading(name) for name, first in own.items() if first not in sorts),
-            {r.key: self._range(r.sort, sorted(r.names)) for r in formula.ranges},
-            tuple(
-                self._range(sort, [name for name, first in own.items() if first == variable])
-                for variable, sort in sorts.items()
-            ),
-        )
-
-    def _range(self, name: str, names: Sequence[str]) -> _Range:
-        whole, _, own = name.rpartition(".")
-        sort = self._kb.entities[own]
-        fields = fields_of(self._kb.observation, sort)
-        readings = [_Reading(used, whole, *fields[used.partition(".")[2]]) for used in names]
-        return _Range(whole, own, sort, entity_names(own, sort), tuple(readings))
-
-    def _reading(self, name: str) -> _Reading:
-        first, *rest = name.split(".")
-        whole = first if first in (NEXT, ACTION) else ""
-        source, *field = rest if first == NEXT else (first, *rest)
-        column = self._kb.observation[source].columns[field[0]] if field else 0
-        return _Reading(name, whole, source, column)
-
 
 # -- formulas, entity by entity -----------------------------------------------------------------
 
@@ -193,7 +119,7 @@ def _signal(name: str, formula: Formula, values: Mapping[str, Any]) -> float:
         ) from None
 
 
-def _add(facts: Facts, fact: ObservedFact, plan: _Plan, scene: _Scene) -> None:
+def _add(facts: Facts, fact: ObservedFact, plan: Plan, scene: _Scene) -> None:
     """Add the atoms of a fact for all entities."""
     shared = scene.values(plan)
     margin = 0.0 if fact.exact else facts.margin
@@ -231,8 +157,6 @@ def _confidence(
 
 # -- the parts of an observation ----------------------------------------------------------------
 
-_WHOLES = {"": "the observation", NEXT: "the observation after the action", ACTION: "the action"}
-
 
 class _Scene:
     """What is read at one step.
@@ -244,7 +168,7 @@ class _Scene:
     """
 
     def __init__(
-        self, sources: Mapping[str, Source], wholes: Mapping[str, Observation], error: _Error
+        self, sources: Mapping[str, Source], wholes: Mapping[str, Observation], error: Error
     ) -> None:
         self._sources = sources
         self._wholes = wholes
@@ -252,7 +176,7 @@ class _Scene:
         self._records: dict[tuple[str, str], list[float]] = {}
         self._tables: dict[tuple[str, str], _Table] = {}
 
-    def values(self, plan: _Plan) -> dict[str, Any]:
+    def values(self, plan: Plan) -> dict[str, Any]:
         """Return what a formula reads that has no variable of a fact."""
         values: dict[str, Any] = {}
         for reading in plan.readings:
@@ -263,7 +187,7 @@ class _Scene:
             values[key] = [numbers for _, numbers in self.rows(entities)]
         return values
 
-    def rows(self, entities: _Range) -> list[_Row]:
+    def rows(self, entities: Range) -> list[_Row]:
         """Return the entities of a range that are there."""
         there, blocks = self._table(entities)
         rows = []
@@ -280,13 +204,13 @@ class _Scene:
         """Raise the error that a number is NaN."""
         raise self._error(f"{what} is NaN in the observation", name=what)
 
-    def _record(self, reading: _Reading) -> list[float]:
+    def _record(self, reading: Reading) -> list[float]:
         key = (reading.whole, reading.source)
         if key not in self._records:
             self._records[key] = self._block(*key).tolist()
         return self._records[key]
 
-    def _table(self, entities: _Range) -> _Table:
+    def _table(self, entities: Range) -> _Table:
         """Return which rows of a sort's tables are there, and the numbers of those."""
         key = (entities.whole, entities.name)
         if key not in self._tables:
@@ -335,11 +259,11 @@ class _Scene:
         else:
             numbers = self._reals(name, part)
         if of_rows and numbers.shape == (0,):  # a list of nobody
-            numbers = np.zeros((0, _width(source)))
+            numbers = np.zeros((0, width_of(source)))
         elif not source.columns and numbers.ndim == of_rows:
             numbers = numbers[..., None]
-        if numbers.ndim != 1 + of_rows or not _fits(source, numbers.shape[-1]):
-            raise self._misshapen(name, numbers, _shape_of(source, of_rows=of_rows))
+        if numbers.ndim != 1 + of_rows or not fits(source, numbers.shape[-1]):
+            raise self._misshapen(name, numbers, shape_of(source, ["n"] if of_rows else []))
         return numbers
 
     def _by_name(self, name: str, part: Mapping[Any, Any]) -> _Reals:
@@ -352,33 +276,14 @@ class _Scene:
                 name=name,
                 suggestion="one of them may be its key, or some of them its fields",
             )
-        columns = [self._reals(f"{name}.{f}", self._under(part, f, name)) for f in fields]
+        columns = [self._reals(f"{name}.{f}", under(part, f, name, self._error)) for f in fields]
         if len({column.shape for column in columns}) > 1:
             shown = ", ".join(f"{f} {c.shape}" for f, c in zip(fields, columns, strict=True))
             raise self._error(f"the fields of '{name}' have different shapes: {shown}", name=name)
         return np.stack(columns, axis=-1)
 
     def _at(self, whole: str, path: Sequence[str | int]) -> Any:
-        part = self._wholes[whole]
-        if part is None:
-            raise self._error(f"{_WHOLES[whole]} is not given", name=whole or "observation")
-        for key in path:
-            part = self._under(part, key, _WHOLES[whole])
-        return part
-
-    def _under(self, part: Any, key: str | int, owner: str) -> Any:
-        try:
-            return part[key]
-        except (KeyError, IndexError, TypeError, ValueError):
-            known = map(str, part) if isinstance(part, Mapping) else ()
-            shape = getattr(part, "shape", None)
-            of_shape = "" if shape is None else f" of shape {tuple(shape)}"
-            raise self._error(
-                f"{owner} has no '{key}'",
-                name=str(key),
-                suggestion=did_you_mean(str(key), known)
-                or f"it is {type(part).__name__}{of_shape} there",
-            ) from None
+        return part_at(self._wholes[whole], path, whole, self._error)
 
     def _reals(self, name: str, value: object) -> _Reals:
         numbers = arrays.as_reals(value)
@@ -394,21 +299,3 @@ class _Scene:
             name=name,
             suggestion=f"it must have the shape {expected}",
         )
-
-
-def _width(source: Source) -> int:
-    """Return how many numbers a part has, in a row, at least."""
-    return max(source.columns.values(), default=0) + 1
-
-
-def _fits(source: Source, width: int) -> bool:
-    """Tell whether a part may have so many numbers, in a row."""
-    return width >= _width(source) if isinstance(source.fields, dict) else width == _width(source)
-
-
-def _shape_of(source: Source, *, of_rows: bool) -> str:
-    """Return the shape that a part must have, as text."""
-    if not source.columns:
-        return "(n,)" if of_rows else "(), a single number"
-    width = f"{_width(source)} or more" if isinstance(source.fields, dict) else f"{_width(source)}"
-    return f"(n, {width})" if of_rows else f"({width},)"
