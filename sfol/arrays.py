@@ -224,7 +224,8 @@ class _Numpy(Backend):
 
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
-        return np.where(np.asarray(condition) != 0, then, otherwise)
+        chosen = np.asarray(condition)
+        return np.where(chosen if chosen.dtype == np.bool_ else chosen != 0, then, otherwise)
 
     @staticmethod
     def largest(values: Array) -> Array:

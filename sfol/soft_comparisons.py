@@ -139,6 +139,8 @@ class SoftComparison:
         def function(*arguments: Array) -> Array:
             *compared, margin = arguments
             distance = maximum(excess(maximum, *compared), 0.0)
+            if isinstance(margin, float) and margin > 0.0:  # as it mostly is
+                return falling(distance / margin)
             # What holds does so with a margin of 0, too; a margin below 0 means nothing.
             margins = where(distance == 0, 0.0, divide(distance, margin))
             return falling(where(margin < 0, math.nan, margins))
