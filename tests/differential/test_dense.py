@@ -22,6 +22,7 @@ def assert_agree(kb, facts, sorts, make=np.asarray):
     for scene, conclusions in zip(facts, found, strict=True):
         expected = {
             # What is asserted of a head stays known without a rule that fires.
+            **{atom: (1.0, 1.0) for atom in kb.background if atom.predicate in heads},
             **{atom: bound for atom, bound in scene.items() if atom.predicate in heads},
             **naive_conclusions(kb, scene),
         }
@@ -38,13 +39,15 @@ def test_small_programs(kb, facts, sorts):
     assert_agree(kb, [facts, Facts(), facts], sorts)
 
 
-def drawn(profile, make=np.asarray):
-    @settings(settings.get_profile(profile))
-    @given(scenes(), st.integers(1, 4), st.data())
-    def agree(scene, sorts, data):
+def drawn(profile, make=np.asarray, **changes):
+    @settings(settings.get_profile(profile), **changes)
+    @given(scenes(), st.integers(1, 4))
+    def agree(scene, sorts):
         kb, facts = scene
-        more = data.draw(facts_for(kb))
-        assert_agree(kb, [facts, more], sorts, make)
+        less = Facts()
+        for atom, bound in list(facts.items())[::2]:
+            less.add(atom.predicate, *atom.arguments, bound=bound)
+        assert_agree(kb, [facts, less], sorts, make)
 
     agree()
 
@@ -60,7 +63,7 @@ def test_dense_and_naive_agree_on_many():
 
 def test_dense_of_tensors_and_naive_agree():
     torch = pytest.importorskip("torch")
-    drawn("differential", torch.as_tensor)
+    drawn("differential", torch.as_tensor, max_examples=50)
 
 
 @pytest.mark.parametrize("name", bundled_names())
