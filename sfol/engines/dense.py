@@ -160,8 +160,8 @@ class DenseProgram:
         """Return the blocks, with everything that follows from them.
 
         Args:
-            blocks: of the keys that the program was made for, and of no others; bounds of what is
-                unknown are finite.
+            blocks: of the keys that the program was made for, and of no others; what is unknown
+                has any bound, but no NaN.
             backend: the library of arrays.
             sizes: domain → how many entities it has here.
         """
@@ -368,9 +368,10 @@ class _Evaluation:
                 continue
             lowers, uppers = self._sums(rule, operands)
             axes = tuple(axis for axis, n in enumerate(rule.order) if n in names - rule.head_names)
-            lower = lower + backend.sum_along(backend.where(mask, lowers, 0.0), axes)
-            upper = upper + backend.sum_along(backend.where(mask, uppers, 0.0), axes)
-            count = count + len(operands) * backend.sum_along(backend.real(mask), axes)
+            chosen = backend.real(mask)  # a product is faster than a choice
+            lower = lower + backend.sum_along(chosen * lowers, axes)
+            upper = upper + backend.sum_along(chosen * uppers, axes)
+            count = count + len(operands) * backend.sum_along(chosen, axes)
         atoms = backend.maximum(count, 1.0)
         return Bounds(pool(lower, atoms), pool(upper, atoms), count > 0.0)
 

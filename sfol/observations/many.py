@@ -40,7 +40,7 @@ class Block(NamedTuple):
     Attributes:
         lower: (n, B) or (n, m, B), τ⁻; n is 1 for a constant.
         upper: the same, τ⁺.
-        known: truth values: which atoms are known; the numbers mean nothing elsewhere.
+        known: truth values: which atoms are known; what is unknown has some bound, too.
     """
 
     lower: Array
@@ -375,9 +375,11 @@ def _block(fact: ObservedFact, plan: Plan, scenes: _Scenes, margin: float) -> Bl
     for axis, entities in enumerate(plan.variables):
         at = tuple(slice(None) if i == axis else None for i in range(rank))
         known = known & scenes.there(entities)[at]
-    fits_bounds = (confidence >= 0.0) & (confidence <= 1.0)
-    if not bool((fits_bounds | ~known).all()):
-        raise _no_confidence(fact, plan, confidence, known, shape)
+    proper = (confidence >= 0.0) & (confidence <= 1.0)
+    if not bool(proper.all()):
+        if not bool((proper | ~known).all()):
+            raise _no_confidence(fact, plan, confidence, known, shape)
+        confidence = backend.where(proper, confidence, 0.0)
     if fact.at_least > 0.0:
         known = known & (confidence >= least(fact.at_least, backend.tolerance))
     spread = 0.0 if fact.exact else margin * confidence
