@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -107,19 +108,19 @@ class Source(_Section):
         "truth values beside it; without one all are.",
     )
 
-    @property
+    @cached_property
     def path(self) -> tuple[_Key, ...]:
         """The keys that lead to it, from the outside in."""
         return _listed_keys(self.key)
 
-    @property
+    @cached_property  # asked at every step
     def columns(self) -> dict[str, int]:
         """Field → index; none for one number."""
         if isinstance(self.fields, dict):
             return self.fields
         return {name: index for index, name in enumerate(self.fields or ())}
 
-    @property
+    @cached_property
     def mask(self) -> tuple[_Key, ...] | None:
         """The keys that lead to which rows are there; None if a field says so, or nothing."""
         if self.present is None or self.present in self.columns:
@@ -141,7 +142,7 @@ class Sort(_Section):
     )
     at_most: int = Field(ge=1, le=1_000, description="How many rows they have at most.")
 
-    @property
+    @cached_property
     def tables(self) -> tuple[str, ...]:
         """The names of the parts of the observation."""
         return (self.sources,) if isinstance(self.sources, str) else tuple(self.sources)

@@ -131,8 +131,9 @@ def _add(facts: Facts, fact: ObservedFact, plan: Plan, scene: _Scene) -> None:
         entities = dict(zip(fact.sorts, (entity for entity, _ in chosen), strict=True))
         confidence = _confidence(fact, entities, values)
         if confidence >= known_from:
-            atom = fact.atom.substituted(entities)
-            facts.add(atom.predicate, *atom.arguments, bound=Bound.around(confidence, margin))
+            constants = [entities.get(argument, argument) for argument in fact.atom.arguments]
+            bound = Bound.around(confidence, margin)
+            facts.add(fact.atom.predicate, *constants, bound=bound)
 
 
 def _confidence(
