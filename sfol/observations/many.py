@@ -92,19 +92,27 @@ class ScenesReader:
         return [(fact.atom.predicate, fact.slots[1:]) for fact in self._kb.facts]
 
     def has_many(self, observation: Observation) -> bool:
-        """Tell whether an observation is of many scenes, by the first part that has fields.
+        """Tell whether an observation is of many scenes.
 
-        An observation without such a part is of one scene if its parts are single numbers.
+        The first part that is a table or has fields shows it by its number of axes. Where all parts
+        are single numbers, one that is an array of several numbers does.
         """
-        for plan in (*(plan for _, plan in self._facts), *self._signals.values()):
-            for name, source, of_rows in _parts_of(plan):
-                if not name:
-                    part = part_at(observation, self._kb.observation[source].path, "", FactError)
-                    fields = self._kb.observation[source].columns
-                    by_name = isinstance(part, Mapping)
-                    value = next(iter(part.values()), 0.0) if by_name else part
-                    single = of_rows + (bool(fields) and not by_name)
-                    return int(getattr(value, "ndim", np.ndim(value))) > single
+        parts = dict.fromkeys(
+            (source, of_rows)
+            for plan in (*(plan for _, plan in self._facts), *self._signals.values())
+            for name, source, of_rows in _parts_of(plan)
+            if not name
+        )
+        shaped = [p for p in parts if p[1] or self._kb.observation[p[0]].columns]
+        for source, of_rows in shaped[:1] or parts:
+            spec = self._kb.observation[source]
+            part = part_at(observation, spec.path, "", FactError)
+            by_name = isinstance(part, Mapping)
+            shape = _shape(next(iter(part.values()), 0.0) if by_name else part)
+            if shaped:
+                return len(shape) > of_rows + (bool(spec.columns) and not by_name)
+            if shape not in ((), (1,)):
+                return True
         return False
 
     def read(
@@ -158,6 +166,18 @@ def _parts_of(plan: Plan) -> Iterator[tuple[str, str, bool]]:
     for entities in (*plan.variables, *plan.quantified.values()):
         yield from ((entities.whole, table, True) for table in entities.sort.tables)
     yield from ((reading.whole, reading.source, False) for reading in plan.readings)
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Return the shape of an array, or of lists by their first elements."""
+    shape = getattr(value, "shape", None)
+    if shape is not None:
+        return tuple(shape)
+    sizes = []
+    while isinstance(value, list | tuple):
+        sizes.append(len(value))
+        value = value[0] if value else None
+    return tuple(sizes)
 
 
 def _size(leaves: Sequence[Array]) -> int:

@@ -162,6 +162,55 @@ def test_cartpole():
     assert_alike(reward, (observations,), outcome)
 
 
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_the_papers_rules_over_positions(kind):
+    make = np.asarray if kind == "numpy" else pytest.importorskip("torch").as_tensor
+    chance = np.random.default_rng(0)
+    size = 60
+
+    def street():
+        return {
+            "people": chance.uniform([-5, -8], [40, 6], (size, 10, 2)),
+            "people_there": chance.random((size, 10)) < 0.3,
+            "vehicles": chance.uniform([-5, -6], [30, 6], (size, 3, 2)),
+            "vehicles_there": chance.random((size, 3)) < 0.7,
+            "crosswalks": chance.uniform(-5, 50, (size, 1, 1)),
+            "crosswalks_there": chance.random((size, 1)) < 0.8,
+            "ego": chance.uniform(0, 10, (size, 1)),
+        }
+
+    reward = sfol.RewardFunction("aeb_state")
+    transitions = street(), None, street()
+    outcome = reward.transition(*(v and mapped(v, make) for v in transitions))
+    alone = [
+        reward.transition(part(transitions[0], i), None, part(transitions[2], i))
+        for i in range(size)
+    ]
+    assert outcome.reward.tolist() == pytest.approx([one.reward for one in alone], abs=1e-9)
+    heads = {head for one in alone for head, bound in one.bounds.items() if bound is not None}
+    assert heads == {
+        "Vehicle",
+        *(f"{kind}{n}" for kind in ("safe", "efficiency") for n in (1, 2, 3)),
+    }
+    for head in heads:
+        known = [one.bounds[head] is not None for one in alone]
+        assert outcome.bounds[head].known.tolist() == known
+        assert head == "Vehicle" or not all(known)
+
+
+def test_single_numbers_are_of_one_scene_unless_there_are_several(tmp_path):
+    path = tmp_path / "height.yaml"
+    path.write_text(
+        "version: 1\nname: height\nobservation: {h: {key: h}}\n"
+        "signals: {height: {unit: m, from: h}}\nterms: {t: {weight: 1, formula: height}}\n"
+    )
+    reward = sfol.RewardFunction(path)
+    for one in (2.0, [2.0], np.array(2.0), np.array([2.0])):
+        assert reward.transition({"h": one}).reward == 2.0
+    for many in ([2.0, 3.0], np.array([2.0, 3.0]), np.array([[2.0], [3.0]])):
+        assert reward.transition({"h": many}).reward.tolist() == [2.0, 3.0]
+
+
 def test_signals_may_be_given(reward):
     before, action, after = drawn(1)
     outcome = reward.transition(before, action, after, limit=np.zeros(7), v=0.0)
