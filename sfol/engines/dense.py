@@ -314,6 +314,7 @@ class _Evaluation:
         self._places = program.domains.places
         self._sizes = sizes
         self._offsets = offsets
+        self._atoms_of: dict[int, Bounds] = {}  # of an operand, which lives as long as the program
         self.blocks = dict(blocks)
         self.backend = backend
 
@@ -458,13 +459,15 @@ class _Evaluation:
 
     def _atoms(self, rule: _Typed, operand: _Operand) -> Bounds:
         """Return the bounds of the atoms that a literal stands for."""
-        found = self.blocks.get(operand.key) or self._unknown(len(operand.arguments))
-        return Bounds(
-            *(
-                self._placed(rule, operand.arguments, values)
-                for values in (found.lower, found.upper, found.known)
+        if id(operand) not in self._atoms_of:
+            found = self.blocks.get(operand.key) or self._unknown(len(operand.arguments))
+            self._atoms_of[id(operand)] = Bounds(
+                *(
+                    self._placed(rule, operand.arguments, values)
+                    for values in (found.lower, found.upper, found.known)
+                )
             )
-        )
+        return self._atoms_of[id(operand)]
 
     def _unknown(self, arity: int) -> Bounds:
         shape = (1,) * (arity + 1)
