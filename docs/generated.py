@@ -23,10 +23,12 @@ import sfol.arithmetic
 import sfol.clauses
 import sfol.errors
 import sfol.formula
+import sfol.knowledge_base.observing
 import sfol.literals.search
 import sfol.logs
 import sfol.operators
 import sfol.reading
+import sfol.soft_comparisons
 import sfol.strict_yaml
 import sfol.syntax
 import sfol.tools.lint
@@ -144,6 +146,24 @@ def functions() -> str:
     return table(("function", "arguments"), rows)
 
 
+def soft_comparisons() -> str:
+    """Return a table of the comparisons that may have a margin."""
+    rows = [
+        (f"`{name}`", comparison.meaning)
+        for name, comparison in sfol.soft_comparisons.SOFT_COMPARISONS.items()
+    ]
+    return table(("comparison", "is 1 where"), rows)
+
+
+def shapes() -> str:
+    """Return a table of the ways in which soft comparisons fall."""
+    rows = [
+        (f"`{name}`", shape.formula, "yes" if shape.takes_zero else "no")
+        for name, shape in sfol.soft_comparisons.SHAPES.items()
+    ]
+    return table(("shape", "value at r margins from holding", "v may be 0"), rows)
+
+
 def lint_codes() -> str:
     """Return the table of lint codes, which stands in the docstring of the linter."""
     lines = (inspect.getdoc(sfol.tools.lint) or "").splitlines()
@@ -164,6 +184,9 @@ def limits() -> str:
          f"{sfol.formula.MAXIMUM_LENGTH:,} and {sfol.formula.MAXIMUM_DEPTH}", ""),
         ("known atoms that the search of a rule looks at",
          f"{sfol.literals.search.WORK_LIMIT:,}", "`RewardFunction(…, work_limit=…)`"),
+        ("entities of all sorts, and atoms that are read off an observation",
+         f"{sfol.knowledge_base.observing.MAXIMUM_ENTITIES:,} and "
+         f"{sfol.knowledge_base.observing.MAXIMUM_ATOMS:,}", ""),
         ("steps of a log", f"{sfol.logs.MAXIMUM_ROWS:,}", "`read_log(…, maximum_rows=…)`"),
         ("comparisons of two rules, and of all, by `sfol lint`",
          f"{sfol.tools.subsumption.PAIR_STEPS:,} and {sfol.tools.subsumption.ALL_STEPS:,}", ""),
@@ -212,7 +235,8 @@ def _summary(name: str) -> str:
 KINDS: Mapping[str, Callable[..., str]] = {
     function.__name__: function
     for function in (
-        room, command, keys, grammar, operators, functions, lint_codes, limits, errors,
+        room, command, keys, grammar, operators, functions, soft_comparisons, shapes, lint_codes,
+        limits, errors,
         rooms, room_table,
     )
 }  # fmt: skip

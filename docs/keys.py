@@ -61,7 +61,7 @@ def _is_model(annotation: Any) -> bool:
 
 def _key_table(model: type[BaseModel]) -> str:
     rows = [
-        (f"`{key}`", _type_text(field), _default_text(field), _meaning(field))
+        (f"`{field.alias or key}`", _type_text(field), _default_text(field), _meaning(field))
         for key, field in model.model_fields.items()
     ]
     return f"{one_line(inspect.getdoc(model) or '')}\n\n" + table(

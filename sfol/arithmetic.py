@@ -133,6 +133,8 @@ FUNCTIONS: Mapping[str, Operation] = {
     "exp": _operation(_total(math.exp, np.exp), arrays.exp, 1),
     "log": _operation(_total(math.log, np.log), arrays.log, 1),
     "sqrt": _operation(_total(math.sqrt, np.sqrt), arrays.sqrt, 1),
+    "hypot": _operation(math.hypot, arrays.hypot, 2),
+    "atan2": _operation(math.atan2, arrays.atan2, 2),
     "min": _folded(_minimum, arrays.minimum),
     "max": _folded(_maximum, arrays.maximum),
     "clip": _operation(

@@ -58,6 +58,11 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def plain(values: Array, /) -> npt.NDArray[Any]:
+        """Return the elements as an array of numpy's, without gradients."""
+        ...
+
+    @staticmethod
     def minimum(left: Array, right: Array, /) -> Array:
         """Return the lesser of two, element by element."""
         ...
@@ -83,8 +88,63 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def cos(values: Array, /) -> Array:
+        """Return the cosine of every element."""
+        ...
+
+    @staticmethod
+    def hypot(left: Array, right: Array, /) -> Array:
+        """Return the root of the sum of two squares, without a square that overflows."""
+        ...
+
+    @staticmethod
+    def atan2(left: Array, right: Array, /) -> Array:
+        """Return the angle of the point (right, left), from −π to π."""
+        ...
+
+    @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
         """Return `then` where the condition is not zero, else `otherwise`."""
+        ...
+
+    @staticmethod
+    def largest(values: Array, /) -> Array:
+        """Return the largest along the first axis, which is not empty."""
+        ...
+
+    @staticmethod
+    def total(values: Array, /) -> Array:
+        """Return the sum along the first axis."""
+        ...
+
+    @staticmethod
+    def turned(values: Array, /) -> Array:
+        """Return an array with its axes in reverse order, written out in that order."""
+        ...
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        """Return arrays of one shape as one, along a new first axis."""
+        ...
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        """Return an array as one of a larger shape, in which elements repeat."""
+        ...
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        """Tell whether any element along an axis, which is kept with size 1, is true."""
+        ...
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        """Return the largest along an axis, which is kept with size 1; minus infinity of none."""
+        ...
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        """Return the sum along some axes, which are kept with size 1."""
         ...
 
     @classmethod
@@ -138,6 +198,9 @@ class _Numpy(Backend):
     exp = staticmethod(np.exp)
     log = staticmethod(np.log)
     sqrt = staticmethod(np.sqrt)
+    cos = staticmethod(np.cos)
+    hypot = staticmethod(np.hypot)
+    atan2 = staticmethod(np.arctan2)
 
     @staticmethod
     def owns(value: object) -> bool:
@@ -156,8 +219,45 @@ class _Numpy(Backend):
         return bool(np.isfinite(values).all())
 
     @staticmethod
+    def plain(values: Array) -> npt.NDArray[Any]:
+        return np.asarray(values)
+
+    @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
-        return np.where(np.asarray(condition) != 0, then, otherwise)
+        chosen = np.asarray(condition)
+        return np.where(chosen if chosen.dtype == np.bool_ else chosen != 0, then, otherwise)
+
+    @staticmethod
+    def largest(values: Array) -> Array:
+        return values.max(axis=0)
+
+    @staticmethod
+    def total(values: Array) -> Array:
+        return values.sum(axis=0)
+
+    @staticmethod
+    def turned(values: Array) -> Array:
+        return np.ascontiguousarray(values.T)
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        return np.stack(values)
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        return np.broadcast_to(values, shape)
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        return values.any(axis=axis, keepdims=True)
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        return values.max(axis=axis, keepdims=True, initial=-math.inf)
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        return values.sum(axis=axes, keepdims=True)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -226,6 +326,10 @@ class _Torch(Backend):
         return bool(values.isfinite().all())
 
     @staticmethod
+    def plain(values: Array) -> npt.NDArray[Any]:
+        return np.asarray(values.detach().cpu())
+
+    @staticmethod
     def minimum(left: Array, right: Array) -> Array:
         return sys.modules["torch"].minimum(*_Torch._alike(left, right))
 
@@ -244,6 +348,22 @@ class _Torch(Backend):
     @staticmethod
     def sqrt(values: Array) -> Array:
         return values.sqrt()
+
+    @staticmethod
+    def cos(values: Array) -> Array:
+        return values.cos()
+
+    @staticmethod
+    def hypot(left: Array, right: Array) -> Array:
+        torch = sys.modules["torch"]
+        left, right = _Torch._alike(left, right)
+        # Where both are 0 there is no gradient, and torch's is NaN: two entities at one place.
+        apart = (left != 0) | (right != 0)
+        return torch.where(apart, torch.hypot(torch.where(apart, left, 1.0), right), 0.0)
+
+    @staticmethod
+    def atan2(left: Array, right: Array) -> Array:
+        return sys.modules["torch"].atan2(*_Torch._alike(left, right))
 
     @staticmethod
     def where(condition: Array, then: Array, otherwise: Array) -> Array:
@@ -265,6 +385,41 @@ class _Torch(Backend):
             else torch.as_tensor(value)
             for value in (left, right)
         )
+
+    @staticmethod
+    def largest(values: Array) -> Array:
+        return values.amax(0)
+
+    @staticmethod
+    def total(values: Array) -> Array:
+        return values.sum(0)
+
+    @staticmethod
+    def turned(values: Array) -> Array:
+        return values.permute(*reversed(range(values.ndim))).contiguous()
+
+    @staticmethod
+    def stacked(values: Sequence[Array]) -> Array:
+        return sys.modules["torch"].stack(values)
+
+    @staticmethod
+    def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
+        return values.expand(shape)
+
+    @staticmethod
+    def any_along(values: Array, axis: int) -> Array:
+        return values.any(dim=axis, keepdim=True)
+
+    @staticmethod
+    def largest_along(values: Array, axis: int) -> Array:
+        if values.shape[axis]:
+            return values.amax(axis, keepdim=True)
+        shape = [1 if i == axis else size for i, size in enumerate(values.shape)]
+        return values.new_full(shape, -math.inf)
+
+    @staticmethod
+    def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
+        return values.sum(dim=axes, keepdim=True) if axes else values
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -356,6 +511,16 @@ def is_finite(value: Array) -> bool:
     return math.isfinite(value) if kind is None else kind.is_finite(value)
 
 
+def as_reals(value: object) -> npt.NDArray[np.float64] | None:
+    """Return numbers of any type, in arrays or lists, as numpy's own; None if they are none."""
+    kind = _kind_of([value])
+    try:
+        array = np.asarray(value) if kind is None else kind.plain(value)
+    except (TypeError, ValueError):  # lists of several lengths
+        return None
+    return array.astype(np.float64) if array.dtype.kind in "biuf" else None
+
+
 def as_float(value: object) -> float | None:
     """Return a real number of any type, such as numpy's, as Python's own; None if it is none.
 
@@ -386,4 +551,28 @@ maximum = _elementwise("maximum", max)
 exp = _elementwise("exp", math.exp)
 log = _elementwise("log", math.log)
 sqrt = _elementwise("sqrt", math.sqrt)
+cos = _elementwise("cos", math.cos)
+hypot = _elementwise("hypot", math.hypot)
+atan2 = _elementwise("atan2", math.atan2)
 where = _elementwise("where", lambda condition, then, otherwise: then if condition else otherwise)
+
+
+def largest(values: Array) -> Array:
+    """Return the largest along the first axis of an array, which is not empty."""
+    return _backend(values).largest(values)
+
+
+def total(values: Array) -> Array:
+    """Return the sum along the first axis of an array."""
+    return _backend(values).total(values)
+
+
+def _backend(values: Array) -> type[Backend]:
+    kind = _kind_of([values])
+    assert kind is not None, "an array is expected"
+    return kind
+
+
+def plain(values: Array) -> npt.NDArray[Any]:
+    """Return the elements of an array as an array of numpy's, without gradients."""
+    return _backend(values).plain(values)

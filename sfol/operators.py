@@ -27,7 +27,10 @@ class Operator:
         formula: in the usual notation.
         source: where it is defined.
         combine: the function itself, of numbers; its argument is never empty.
-        elementwise: the same of arrays of one shape.
+        pair: combines two arrays; several, one after the other, and then finished, are the whole.
+        finish: what remains to be done, given what `pair` came to and how many it combined.
+        neutral: what changes nothing, given to `pair`.
+        absent: what no other argument makes more of than anything else is, given to `pair`.
         pooled: the same from the sum of any number of truth values and their number, for a
             conjunction that may pool all substitutions of a body; None where that is not defined.
     """
@@ -36,7 +39,10 @@ class Operator:
     formula: str
     source: str
     combine: Callable[[Sequence[float]], float]
-    elementwise: Callable[[Sequence[Array]], Array]
+    pair: Callable[[Array, Array], Array]
+    finish: Callable[[Array, int], Array] = lambda total, count: total
+    neutral: float = 1.0
+    absent: float = 0.0
     pooled: Callable[[Array, Array], Array] | None = None
 
     def __call__(self, bounds: Iterable[Bound]) -> Bound:
@@ -50,6 +56,10 @@ class Operator:
         """
         lowers, uppers = zip(*bounds, strict=True)
         return Bound(self.combine(lowers), self.combine(uppers))
+
+    def elementwise(self, values: Sequence[Array]) -> Array:
+        """Combine arrays of shapes that broadcast; at least one."""
+        return self.finish(reduce(self.pair, values), len(values))
 
     @property
     def is_idempotent(self) -> bool:
@@ -74,23 +84,11 @@ def _lukasiewicz(values: Sequence[float]) -> float:
 def _probabilistic_sum(values: Sequence[Any]) -> Any:
     # 1 - (1 - x) is 0 for a tiny x. Added up like this, one value is itself, and what is above zero
     # stays above zero.
-    return reduce(lambda total, value: total + value * (1.0 - total), values)
+    return reduce(_probabilistic_pair, values)
 
 
-def _average_arrays(values: Sequence[Array]) -> Array:
-    return sum(values) / len(values)
-
-
-def _lukasiewicz_arrays(values: Sequence[Array]) -> Array:
-    return arrays.maximum(sum(values) - (len(values) - 1), 0.0)
-
-
-def _minimum_arrays(values: Sequence[Array]) -> Array:
-    return reduce(arrays.minimum, values)
-
-
-def _maximum_arrays(values: Sequence[Array]) -> Array:
-    return reduce(arrays.maximum, values)
+def _probabilistic_pair(total: Any, value: Any) -> Any:
+    return total + value * (1.0 - total)
 
 
 CONJUNCTIONS: Mapping[str, Operator] = {
@@ -101,17 +99,23 @@ CONJUNCTIONS: Mapping[str, Operator] = {
             "(1/n) Σ xᵢ",
             "the paper's equation for τ_H",
             _average,
-            _average_arrays,
+            operator.add,
+            operator.truediv,
+            neutral=0.0,
+            absent=-math.inf,
             pooled=operator.truediv,
         ),
-        Operator("minimum", "min xᵢ", "Gödel t-norm", min, _minimum_arrays),
-        Operator("product", "Π xᵢ", "product t-norm", math.prod, math.prod),
+        Operator("minimum", "min xᵢ", "Gödel t-norm", min, arrays.minimum),
+        Operator("product", "Π xᵢ", "product t-norm", math.prod, operator.mul),
         Operator(
             "lukasiewicz",
             "max(0, Σ xᵢ − (n − 1))",
             "Łukasiewicz t-norm",
             _lukasiewicz,
-            _lukasiewicz_arrays,
+            operator.add,
+            lambda total, count: arrays.maximum(total - (count - 1), 0.0),
+            neutral=0.0,
+            absent=-math.inf,
         ),
     )
 }
@@ -119,15 +123,13 @@ CONJUNCTIONS: Mapping[str, Operator] = {
 DISJUNCTIONS: Mapping[str, Operator] = {
     entry.name: entry
     for entry in (
-        Operator(
-            "maximum", "max xᵢ", "the paper, on rules that share a head", max, _maximum_arrays
-        ),
+        Operator("maximum", "max xᵢ", "the paper, on rules that share a head", max, arrays.maximum),
         Operator(
             "probabilistic_sum",
             "1 − Π (1 − xᵢ)",
             "product t-conorm",
             _probabilistic_sum,
-            _probabilistic_sum,
+            _probabilistic_pair,
         ),
     )
 }

@@ -6,15 +6,16 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from sfol import arrays
-from sfol.arrays import Array, backend_of
+from sfol.arrays import Array, Backend, backend_of
 from sfol.engines.batch import Batch, encode
-from sfol.engines.batched import conclude
+from sfol.engines.batched import Bounds, conclude
 from sfol.engines.conclusions import Conclusions
+from sfol.engines.dense import DenseProgram, Domains
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
@@ -22,7 +23,11 @@ from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, exp
 from sfol.facts import Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
+from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
+from sfol.observations.many import ScenesReader
+from sfol.observations.plans import Observation
+from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.syntax import Atom
@@ -167,6 +172,8 @@ class RewardFunction:
         self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
         self._engine_name = engine
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
+        self._reader = ObservationReader(self.kb)
+        self._scenes_reader = ScenesReader(self.kb)
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -197,6 +204,11 @@ class RewardFunction:
         return self._engine
 
     @property
+    def reads_facts(self) -> bool:
+        """Whether the knowledge base says how facts are read off an observation, or needs none."""
+        return self._reader.reads_facts
+
+    @property
     def hash(self) -> str:
         """The knowledge base's hash, with the coefficients and parameters as they are now."""
         return self.current().hash
@@ -220,6 +232,72 @@ class RewardFunction:
     def __call__(self, facts: Facts, /, **signals: float) -> float:
         """Return the reward alone; see `evaluate`."""
         return self.evaluate(facts, **signals).reward
+
+    def observe(self, observation: Observation) -> Facts:
+        """Return the facts that the knowledge base reads off an observation.
+
+        Args:
+            observation: what the environment gives, in the form that the section `observation`
+                says: mappings, sequences and arrays of real numbers, nested in any way.
+
+        Raises:
+            FactError: it has another form, a number that is read is NaN, or the confidence of a
+                fact is not from 0 to 1.
+            UsageError: the knowledge base has rules, but does not say how facts are read.
+        """
+        return self._reader.facts(observation)
+
+    def observe_signals(
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        /,
+        **given: float,
+    ) -> dict[str, float]:
+        """Return the signals that the knowledge base reads off a transition, and those given.
+
+        Args:
+            observation: before the action, as for `observe`.
+            action: if a signal reads it.
+            next_observation: after the action, if a signal reads it.
+            given: signals by name, which are not read then.
+
+        Raises:
+            SignalError: an observation or the action has another form than the knowledge base
+                says, or a number that is read, or a signal, is NaN.
+        """
+        read = self._reader.signals(observation, action, next_observation, but=given)
+        return {**read, **given}
+
+    def transition(
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        /,
+        **signals: Array,
+    ) -> Outcome | BatchOutcome:
+        """Return the reward of a transition, with facts and signals read off its observations.
+
+        Args:
+            observation: before the action, as for `observe`; or of B scenes, with arrays or torch
+                tensors that have an axis B before all others.
+            action: if a signal reads it; of each scene.
+            next_observation: after the action, if a signal reads it; of each scene.
+            signals: those that the knowledge base does not read, as for `evaluate`; a signal that
+                it would read may be given, too, and is not read then.
+
+        Returns:
+            An `Outcome`, or a `BatchOutcome` for B scenes; gradients go through tensors.
+
+        Raises:
+            The errors of `observe`, `observe_signals` and `evaluate`.
+        """
+        if self._scenes_reader.has_many(observation):
+            return self._transitions(observation, action, next_observation, signals)
+        given = self.observe_signals(observation, action, next_observation, **signals)
+        return self.evaluate(self.observe(observation), **given)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
@@ -368,19 +446,65 @@ class RewardFunction:
                 suggestion="encode the scenes with this one's batch()",
             )
         signals = {name: _column(name, value, len(batch)) for name, value in given.items()}
+        backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
+        return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
+
+    def _transitions(
+        self,
+        observation: Observation,
+        action: Observation,
+        next_observation: Observation,
+        given: Mapping[str, Array],
+    ) -> BatchOutcome:
+        scenes = self._scenes_reader.read(
+            observation, action, next_observation, given=given, numbers=self._all_numbers()
+        )
+        signals = {
+            name: _column(name, value, scenes.size)
+            for name, value in self._given({**scenes.signals, **given}).items()
+        }
+        backend, dense = scenes.backend, self._dense
+        blocks: dict[tuple[str, tuple[str, ...]], Bounds] = {}
+        for atom in self.kb.background:
+            shape = (1,) * (len(atom.arguments) + 1)
+            one = backend.full(1, 1.0).reshape(shape)
+            key = (atom.predicate, dense.domains.axes(atom.arguments))
+            blocks[key] = Bounds(one, one, backend.full(1, True).reshape(shape))
+        for (predicate, slots), block in scenes.blocks.items():
+            blocks[predicate, dense.domains.of_slots(slots)] = Bounds(*block)
+        sizes = {**dense.domains.sizes, **scenes.sizes}
+        concluded = dense.conclude(blocks, backend, sizes)
+        bounds = dense.of_subject(concluded, backend, scenes.size)
+        return self._arrays_outcome(bounds, signals, scenes.size, backend)
+
+    @cached_property  # few reward functions are asked for many scenes at once
+    def _dense(self) -> DenseProgram:
+        kb = self.kb
+        domains = Domains.of(kb, {name: entity_names(name, s) for name, s in kb.entities.items()})
+        keys = [(atom.predicate, domains.axes(atom.arguments)) for atom in kb.background]
+        keys += [(name, domains.of_slots(slots)) for name, slots in self._scenes_reader.keys]
+        return DenseProgram(self._engine.program, domains, keys)
+
+    def _all_numbers(self) -> list[Array]:
         groups = (*self.coefficients.values(), *self.parameters.values())
-        numbers = [number for group in groups for number in group.values()]
-        backend = backend_of([batch.lower, batch.upper, *signals.values(), *numbers])
+        return [number for group in groups for number in group.values()]
+
+    def _arrays_outcome(
+        self,
+        bounds: Mapping[str, Bounds],
+        given: Mapping[str, Array],
+        size: int,
+        backend: Backend,
+    ) -> BatchOutcome:
         signals = {
             name: backend.real(value) if arrays.is_array(value) else value
-            for name, value in signals.items()
+            for name, value in given.items()
         }
-        bounds = conclude(batch, backend)
         confidences = {
             head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
             for head, b in bounds.items()
         }
-        zeros = backend.full(batch.size, 0.0)
+        zeros = backend.full(size, 0.0)
         weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
         terms = {
             name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))

@@ -233,16 +233,20 @@ def _composed(text: str, file: str) -> yaml.Node | None:
             f"this is not YAML: it has the character {text[error.position]!a}",
             place=Place(file, len(lines), len(lines[-1]) + 1),
         ) from None
+    suggestion = None
     try:
         return loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark or loader.get_mark()
         problem = f"this is not YAML: {error.problem}"
+        if error.problem == "mapping values are not allowed here":
+            suggestion = "a colon before a blank ends a key: put a text that has both in quotes"
     except (ValueError, OverflowError):  # PyYAML makes a character of any number
         mark, problem = loader.get_mark(), "this is not YAML: there is no such character"
     except (_TooMuch, RecursionError):
         mark, problem = loader.get_mark(), _TOO_MUCH
-    raise FileError(problem, place=Place(file, mark.line + 1, mark.column + 1))
+    place = Place(file, mark.line + 1, mark.column + 1)
+    raise FileError(problem, suggestion=suggestion, place=place)
 
 
 class _Builder:

@@ -133,6 +133,21 @@ def parse_signature(text: str) -> Atom:
     return atom
 
 
+def parse_sorted_signature(text: str) -> tuple[Atom, dict[str, str]]:
+    """Parse an atom whose variables have sorts, such as ``CenterOf(P in pedestrian, ego)``.
+
+    Returns:
+        The atom, and variable → sort.
+
+    Raises:
+        ClauseError: with the offset of what is wrong.
+    """
+    reader = Reader(text)
+    atom, sorts = reader.sorted_atom()
+    reader.end()
+    return atom, sorts
+
+
 def parse_facts(text: str) -> Iterator[FactText]:
     """Parse facts.
 
@@ -230,6 +245,33 @@ class Reader:
             arguments.append(self.name("an argument"))
         self.expect(")", "a predicate has one or two arguments")
         return Atom(predicate, tuple(arguments))
+
+    def sorted_atom(self) -> tuple[Atom, dict[str, str]]:
+        """Read an atom whose variables have sorts, and return these, too."""
+        predicate = self.name("a predicate")
+        self.expect("(", f"a predicate has one or two arguments: {predicate}(X in pedestrian)")
+        sorts: dict[str, str] = {}
+        arguments = [self._sorted_argument(sorts)]
+        if self.accept(","):
+            arguments.append(self._sorted_argument(sorts))
+        self.expect(")", "a predicate has one or two arguments")
+        return Atom(predicate, tuple(arguments)), sorts
+
+    def _sorted_argument(self, sorts: dict[str, str]) -> str:
+        offset = self._peek().offset
+        argument = self.name("an argument")
+        if not is_variable(argument):
+            return argument
+        if argument in sorts:
+            raise ClauseError(
+                f"the variable '{argument}' stands twice",
+                name=argument,
+                suggestion="take another one; both may be the same entity",
+                offset=offset,
+            )
+        self.expect("in", f"a variable ranges over a sort: {argument} in pedestrian")
+        sorts[argument] = self.name("a sort")
+        return argument
 
     def ground_atom(self) -> Atom:
         """Read an atom that must have no variable."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, SupportsFloat, TypeVar
 
-from sfol.errors import expect, missing_extra
+from sfol.errors import UsageError, expect, missing_extra
 from sfol.facts import Facts
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
@@ -44,18 +44,22 @@ class RuleReward(
 ):
     """Replaces the reward of an environment by that of a knowledge base.
 
-    A step is rewarded by the facts of the state before it. ``info`` of every step gets
-    ``reward_<term>`` (they sum to the reward), ``weight_<name>``, ``confidence_<head>``, and the
-    environment's own reward as ``original_reward``.
+    Facts and signals are read off observations as the knowledge base says; functions may make them
+    instead, or the signals that it does not read. A step is rewarded by the facts of the state
+    before it. ``info`` of every step gets ``reward_<term>`` (they sum to the reward),
+    ``weight_<name>``, ``confidence_<head>``, and the environment's own reward as
+    ``original_reward``.
 
     Args:
         env: any environment.
         reward: the reward function.
-        facts: makes facts of (observation, info, env); called at reset and after each step.
-        signals: makes the knowledge base's signals of a transition.
+        facts: makes facts of (observation, info, env); called at reset and after each step. None
+            reads them off the observation.
+        signals: makes signals of a transition, by name; the others are read off it.
 
     Raises:
-        UsageError: an argument is of another type.
+        UsageError: an argument is of another type, or the knowledge base does not say how facts
+            are read and there is no function that makes them.
     """
 
     def __init__(
@@ -63,13 +67,20 @@ class RuleReward(
         env: gymnasium.Env[Observation, Action],
         reward: RewardFunction,
         *,
-        facts: Callable[[Observation, Mapping[str, Any], gymnasium.Env[Any, Any]], Facts],
-        signals: Callable[[Transition[Observation, Action]], Mapping[str, float]],
+        facts: Callable[[Observation, Mapping[str, Any], gymnasium.Env[Any, Any]], Facts]
+        | None = None,
+        signals: Callable[[Transition[Observation, Action]], Mapping[str, float]] | None = None,
     ) -> None:
         expect(env, gymnasium.Env, "the environment", "give a gymnasium.Env")
         expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
-        expect(facts, Callable, "facts", "give a function (observation, info, env) → Facts")  # type: ignore[arg-type]
-        expect(signals, Callable, "signals", "give a function of a Transition → signals")  # type: ignore[arg-type]
+        _expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
+        _expect_function(signals, "signals", "give a function of a Transition → signals")
+        if facts is None and not reward.reads_facts:
+            raise UsageError(
+                f"'{reward.kb.name}' does not say how facts are read off an observation",
+                name="facts",
+                suggestion="add the sections observation and facts, or give facts=…",
+            )
         # So that Gymnasium can make the environment again from its specification.
         gymnasium.utils.RecordConstructorArgs.__init__(
             self, reward=reward, facts=facts, signals=signals, _disable_deepcopy=True
@@ -91,7 +102,7 @@ class RuleReward(
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
         transition = Transition(self._observation, action, observation, info)
-        outcome = self._reward.evaluate(self._facts, **self._signals_of(transition))
+        outcome = self._reward.evaluate(self._facts, **self._signals(transition))
         self._remember(observation, info)
         info = {**info, **log_items(outcome), "original_reward": original}
         return observation, outcome.reward, terminated, truncated, info
@@ -99,7 +110,21 @@ class RuleReward(
     def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
         # Environments may use one array for all their observations.
         self._observation = copy.deepcopy(observation)
-        self._facts = self._facts_of(observation, info, self.env)
+        if self._facts_of is None:
+            self._facts = self._reward.observe(observation)
+        else:
+            self._facts = self._facts_of(observation, info, self.env)
+
+    def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
+        given = {} if self._signals_of is None else self._signals_of(transition)
+        return self._reward.observe_signals(
+            transition.observation, transition.action, transition.next_observation, **given
+        )
+
+
+def _expect_function(value: object, what: str, suggestion: str) -> None:
+    if value is not None:
+        expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
 
 
 def log_items(outcome: Outcome) -> dict[str, float]:

@@ -16,6 +16,7 @@ from sfol.errors import ClauseError, Place, UsageError, did_you_mean
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
+from sfol.testing.cases import written_out
 
 
 @app.command()
@@ -39,7 +40,7 @@ def explain(  # noqa: PLR0913, PLR0917  (each is an option of the command line)
     `sfol explain aeb --facts "Pedestrian(p1): 0.8. OnCrosswalk(p1)." -s v=6 -s v_next=5 -s d=9`
     """
     reward = RewardFunction(KnowledgeBase.load(path_or_name(source)))
-    chosen = _case(reward.kb, case) if case is not None else None
+    chosen = written_out(reward, _case(reward.kb, case)) if case is not None else None
     text = [] if chosen is None else chosen.facts
     texts = [text] if isinstance(text, str) else list(text)
     scene = _scene([*texts, text_argument(facts)], facts, reward.kb.grounding.margin)

@@ -17,11 +17,13 @@ from sfol.knowledge_base.format import (
     RuleEntry,
     Semantics,
     Signal,
+    Sort,
+    Source,
     Term,
     Weight,
 )
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import EntityCondition, Predicate, RewardTerm, Rule
+from sfol.knowledge_base.parts import EntityCondition, ObservedFact, Predicate, RewardTerm, Rule
 
 __all__ = [
     "FORMAT_VERSION",
@@ -32,12 +34,15 @@ __all__ = [
     "Grounding",
     "KnowledgeBase",
     "KnowledgeBaseFile",
+    "ObservedFact",
     "Predicate",
     "RewardTerm",
     "Rule",
     "RuleEntry",
     "Semantics",
     "Signal",
+    "Sort",
+    "Source",
     "Term",
     "Weight",
 ]

@@ -7,21 +7,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
-from typing import TypeVar
 
 from sfol.clauses import Body, parse_clause, parse_condition
-from sfol.errors import (
-    MAXIMUM_ERRORS,
-    ClauseError,
-    InvalidKnowledgeBase,
-    KnowledgeBaseError,
-    Place,
-    SfolError,
-    closest,
-    did_you_mean,
-)
+from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula, can_be_read, check_formula_name
 from sfol.knowledge_base.format import (
@@ -31,6 +21,7 @@ from sfol.knowledge_base.format import (
     RuleEntry,
     Term,
 )
+from sfol.knowledge_base.observing import ObservationChecker
 from sfol.knowledge_base.parts import (
     EntityCondition,
     Parts,
@@ -39,6 +30,7 @@ from sfol.knowledge_base.parts import (
     Rule,
     dependencies,
 )
+from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
@@ -48,10 +40,6 @@ from sfol.syntax import (
     parse_signature,
     variables,
 )
-
-# Where a part of the knowledge base stands: a path of keys, and an offset in the text there.
-PlaceOf = Callable[[tuple[str | int, ...], int], Place | None]
-_Parsed = TypeVar("_Parsed")
 
 
 def check(
@@ -82,12 +70,9 @@ class _Checker:
         self, file: KnowledgeBaseFile, place_of: PlaceOf, removed_heads: frozenset[str]
     ) -> None:
         self._file = file
-        self._place_of = place_of
+        self._reporter = Reporter(place_of)
         self._removed_heads = removed_heads
         self._heads: set[str] = set()  # of the rules that could be read
-        self._errors: list[SfolError] = []
-        # Names that something unreadable would have declared: not unknown, but not known either.
-        self._unread: set[str] = set()
 
     def parts(self, files: tuple[str, ...]) -> Parts:
         file = self._file
@@ -106,12 +91,18 @@ class _Checker:
         self._check_cycles(rules)
         self._check_semantics()
         self._check_signals()
+        observation = ObservationChecker(file, self._reporter)
+        observation.check({file.subject}.union(*(atom.arguments for atom in background)))
         self._check_weights(rules)
         terms = self._terms()
+        facts = observation.facts(background, self._heads - declared.keys())
+        for fact in facts:
+            self._check_atom(("facts", fact.text), fact.atom, predicates, offset=0)
+        observed_signals = observation.signals()
         for index, case in enumerate(file.tests):
             self._check_case(index, case, predicates)
-        if self._errors:
-            raise InvalidKnowledgeBase(self._errors)
+        if self._reporter.errors:
+            raise InvalidKnowledgeBase(self._reporter.errors)
         return Parts(
             name=file.name,
             description=file.description,
@@ -125,6 +116,10 @@ class _Checker:
             terms=terms,
             entity_weights=tuple(conditions.values()),
             grounding=file.grounding,
+            observation=file.observation,
+            entities=file.entities,
+            facts=facts,
+            observed_signals=observed_signals,
             tests=tuple(file.tests),
             files=files,
         )
@@ -134,7 +129,7 @@ class _Checker:
     def _check_subject(self) -> None:
         subject = self._file.subject
         if not is_name(subject) or is_variable(subject):
-            self._report(
+            self._reporter.report(
                 ("subject",), f"the subject '{subject}' is not a constant", subject,
                 "a constant begins with a lower-case letter",
             )  # fmt: skip
@@ -143,13 +138,13 @@ class _Checker:
         found: dict[str, Predicate] = {}
         for key, description in self._file.predicates.items():
             path = ("predicates", key)
-            signature = self._parsed(path, parse_signature, key)
+            signature = self._reporter.parsed(path, parse_signature, key)
             if signature is None:
-                self._unread.update(_first_name(key))
+                self._reporter.unread.update(_first_name(key))
                 continue
             name, parameters = signature
             if name in found:
-                self._report(path, f"the predicate '{name}' is declared twice", name)
+                self._reporter.report(path, f"the predicate '{name}' is declared twice", name)
             found[name] = Predicate(name, parameters, description)
         return found
 
@@ -161,9 +156,9 @@ class _Checker:
         }
 
     def _rule(self, name: str, entry: RuleEntry) -> Rule | None:
-        clause = self._parsed(("rules", name, "rule"), parse_clause, entry.rule)
+        clause = self._reporter.parsed(("rules", name, "rule"), parse_clause, entry.rule)
         if clause is None:
-            self._unread.update(_first_name(entry.rule))
+            self._reporter.unread.update(_first_name(entry.rule))
             return None
         return Rule(name, clause, entry.description, entry.threshold, entry.negation_threshold)
 
@@ -175,14 +170,14 @@ class _Checker:
         return {index: condition for index, condition in parsed.items() if condition is not None}
 
     def _entity_condition(self, index: int, entry: EntityWeight) -> EntityCondition | None:
-        body = self._parsed(("entity_weights", index, "when"), parse_condition, entry.when)
+        body = self._reporter.parsed(("entity_weights", index, "when"), parse_condition, entry.when)
         return None if body is None else EntityCondition(body, entry.weight, entry.at_least)
 
     def _background(self, predicates: Mapping[str, Predicate]) -> tuple[Atom, ...]:
         atoms = []
         for index, text in enumerate(self._file.background):
             path = ("background", index)
-            atom = self._parsed(path, parse_ground_atom, text)
+            atom = self._reporter.parsed(path, parse_ground_atom, text)
             if atom is not None:
                 self._check_atom(path, atom, predicates, offset=0)
                 atoms.append(atom)
@@ -198,24 +193,26 @@ class _Checker:
     def _term(self, name: str, entry: Term) -> RewardTerm | None:
         weights, signals = self._file.weights, self._file.signals
         if isinstance(entry.weight, str) and entry.weight not in weights:
-            self._unknown(("terms", name, "weight"), "weight", entry.weight, weights)
+            self._reporter.unknown(("terms", name, "weight"), "weight", entry.weight, weights)
         for parameter in entry.parameters:
-            self._parsed(("terms", name, "parameters", parameter), check_formula_name, parameter)
+            self._reporter.parsed(
+                ("terms", name, "parameters", parameter), check_formula_name, parameter
+            )
             if parameter in signals:
-                self._report(
+                self._reporter.report(
                     ("terms", name, "parameters", parameter),
                     f"'{parameter}' is a signal and a parameter of '{name}'",
                     parameter,
                     "rename the parameter",
                 )
         path = ("terms", name, "formula")
-        formula = self._parsed(path, Formula.parse, entry.formula)
+        formula = self._reporter.parsed(path, Formula.parse, entry.formula)
         if formula is None:
             return None
-        self._parsed(path, formula.check_names, {*signals, *entry.parameters})
+        self._reporter.parsed(path, formula.check_names, {*signals, *entry.parameters})
         for parameter in entry.parameters:
             if parameter not in formula.names and can_be_read(parameter):
-                self._report(
+                self._reporter.report(
                     ("terms", name, "parameters", parameter),
                     f"the formula of '{name}' does not use the parameter '{parameter}'",
                     parameter,
@@ -255,20 +252,20 @@ class _Checker:
 
     def _check_body(
         self,
-        path: tuple[str | int, ...],
+        path: Path,
         body: Body,
         predicates: Mapping[str, Predicate],
         must_bind: tuple[str, ...],
     ) -> None:
         offsets = dict(reversed(body.offsets))
         if not body.atom_literals:
-            self._report(path, "the body has guards and no literal", str(body))
+            self._reporter.report(path, "the body has guards and no literal", str(body))
         for atom in (atom for literal in body.literals for atom in literal.atoms):
             self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
         bound = body.bound_variables
         for variable in variables(*must_bind, *body.terms):
             if variable not in bound:
-                self._report(
+                self._reporter.report(
                     path,
                     f"the variable '{variable}' stands in no positive literal of the body",
                     variable,
@@ -278,17 +275,17 @@ class _Checker:
 
     def _check_atom(
         self,
-        path: tuple[str | int, ...],
+        path: Path,
         atom: Atom,
         predicates: Mapping[str, Predicate],
         offset: int,
     ) -> None:
         predicate = predicates.get(atom.predicate)
         if predicate is None:
-            self._unknown(path, "predicate", atom.predicate, predicates, offset)
+            self._reporter.unknown(path, "predicate", atom.predicate, predicates, offset)
         elif predicate.arity != len(atom.arguments):
             shown = f"{predicate.name}({', '.join(predicate.parameters)})"
-            self._report(
+            self._reporter.report(
                 path,
                 f"'{atom.predicate}' has {len(atom.arguments)} arguments here",
                 atom.predicate,
@@ -313,7 +310,9 @@ class _Checker:
             # Where the misspelt name is that of the reader, it is reported there.
             misread = any(closest(other, [head]) for other in unknown)
             if head not in declared and head not in used and not misread:
-                self._unknown(("rules", name, "rule"), "predicate", head, {*declared, *used})
+                self._reporter.unknown(
+                    ("rules", name, "rule"), "predicate", head, {*declared, *used}
+                )
 
     def _check_cycles(self, rules: Mapping[str, Rule]) -> None:
         try:
@@ -321,7 +320,7 @@ class _Checker:
         except CycleError as error:
             cycle: list[str] = error.args[1]
             first = next(r for r in rules.values() if r.clause.head.predicate in cycle)
-            self._report(
+            self._reporter.report(
                 ("rules", first.name, "rule"),
                 f"rules depend on each other in a circle: {' → '.join(cycle)}",
                 first.clause.head.predicate,
@@ -334,7 +333,7 @@ class _Checker:
         semantics = self._file.semantics
         pooling = " and ".join(f"'{name}'" for name, c in CONJUNCTIONS.items() if c.pooled)
         if semantics.pools and CONJUNCTIONS[semantics.conjunction].pooled is None:
-            self._report(
+            self._reporter.report(
                 ("semantics", "groundings"),
                 f"'pooled' is defined for {pooling}, not for '{semantics.conjunction}'",
                 "pooled",
@@ -343,9 +342,9 @@ class _Checker:
 
     def _check_signals(self) -> None:
         for name, signal in self._file.signals.items():
-            self._parsed(("signals", name), check_formula_name, name)
+            self._reporter.parsed(("signals", name), check_formula_name, name)
             if signal.default is not None and math.isnan(signal.default):
-                self._report(
+                self._reporter.report(
                     ("signals", name, "default"),
                     f"the default of '{name}' is NaN",
                     name,
@@ -359,17 +358,43 @@ class _Checker:
             for head in weight.coefficients:
                 path = ("weights", name, "coefficients", head)
                 if head not in unary and head in arity:
-                    self._report(path, f"the head '{head}' has two arguments", head,
+                    self._reporter.report(path, f"the head '{head}' has two arguments", head,
                                  "a weight is made of heads with one, the subject")  # fmt: skip
                 elif head not in unary:
-                    self._unknown(path, "head", head, unary)
+                    self._reporter.unknown(path, "head", head, unary)
+
+    def _check_observed(self, path: Path, case: Case) -> None:
+        """Check what a test observes; whether it has the parts that are read, its run shows."""
+        if case.observation is None:
+            for key in case.model_fields_set & {"action", "next"}:
+                self._reporter.report(
+                    (*path, key),
+                    f"the test has '{key}' without an observation",
+                    key,
+                    "give the observation before the action, too",
+                )
+        elif not self._file.observation:
+            self._reporter.report(
+                (*path, "observation"),
+                "nothing says how an observation is read",
+                "observation",
+                "add the sections observation and facts",
+            )
+        elif "facts" in case.model_fields_set:
+            self._reporter.report(
+                (*path, "facts"),
+                "the test has facts and an observation",
+                "facts",
+                "give one of them: facts are read from the observation",
+            )
 
     def _check_case(self, index: int, case: Case, predicates: Mapping[str, Predicate]) -> None:
-        path: tuple[str | int, ...] = ("tests", index)
+        path: Path = ("tests", index)
+        self._check_observed(path, case)
         texts = [case.facts] if isinstance(case.facts, str) else case.facts
         for number, text in enumerate(texts):
             where = (*path, "facts", *([] if isinstance(case.facts, str) else [number]))
-            for atom in self._parsed(where, Facts.parse, text) or ():
+            for atom in self._reporter.parsed(where, Facts.parse, text) or ():
                 self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
         expect = case.expect
         heads = {n for n, p in predicates.items() if p.arity == 1 and n in self._heads}
@@ -383,55 +408,10 @@ class _Checker:
         for what, names, choices, key in known:
             for name in names:
                 if name not in choices:
-                    self._unknown((*path, *key, name), what, name, choices)
+                    self._reporter.unknown((*path, *key, name), what, name, choices)
         for head, pair in expect.bounds.items():
             if pair is not None:
-                self._parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
-
-    # -- reporting ----------------------------------------------------------------------------
-
-    def _parsed(
-        self,
-        path: tuple[str | int, ...],
-        function: Callable[..., _Parsed],
-        *arguments: object,
-    ) -> _Parsed | None:
-        """Call a function; an error of ours is noted with its place, and gives None."""
-        try:
-            return function(*arguments)
-        except SfolError as error:
-            offset = error.offset if isinstance(error, ClauseError) else 0
-            place = self._place_of(path, offset)
-            self._add(error.at(place) if place else error)
-            return None
-
-    def _report(
-        self,
-        path: tuple[str | int, ...],
-        message: str,
-        name: str,
-        suggestion: str | None = None,
-        offset: int = 0,
-    ) -> None:
-        place = self._place_of(path, offset)
-        self._add(KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place))
-
-    def _add(self, error: SfolError) -> None:
-        self._errors.append(error)
-        if len(self._errors) == MAXIMUM_ERRORS:  # the rest of a large file would take long
-            raise InvalidKnowledgeBase(self._errors)
-
-    def _unknown(
-        self,
-        path: tuple[str | int, ...],
-        what: str,
-        name: str,
-        known: Iterable[str],
-        offset: int = 0,
-    ) -> None:
-        if name not in self._unread:
-            hint = did_you_mean(name, known)
-            self._report(path, f"unknown {what} '{name}'", name, hint, offset)
+                self._reporter.parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
 
 
 def _first_name(text: str) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -79,12 +80,100 @@ class Semantics(_Section):
         return self.groundings == "pooled"
 
 
+def _as_text(value: Any) -> Any:
+    return repr(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+# YAML reads -10 as a number; as a formula it is one as well.
+_Formula = Annotated[str, BeforeValidator(_as_text, json_schema_input_type=str | float)]
+_Key = str | int
+
+
+class Source(_Section):
+    """A part of the observation, and what its numbers are called."""
+
+    key: _Key | list[_Key] | None = Field(
+        None,
+        description="Where it stands in the observation: a key, or an index, or several of them, "
+        "from the outside in; without one it is the whole observation.",
+    )
+    fields: list[str] | dict[str, int] | None = Field(
+        None,
+        description="The names of its numbers in order, or name → index; without any it is one "
+        "number, read by the name of the part.",
+    )
+    present: _Key | list[_Key] | None = Field(
+        None,
+        description="For a table: which of its rows are there, as a field of it, or as the key of "
+        "truth values beside it; without one all are.",
+    )
+
+    @cached_property
+    def path(self) -> tuple[_Key, ...]:
+        """The keys that lead to it, from the outside in."""
+        return _listed_keys(self.key)
+
+    @cached_property  # asked at every step
+    def columns(self) -> dict[str, int]:
+        """Field → index; none for one number."""
+        if isinstance(self.fields, dict):
+            return self.fields
+        return {name: index for index, name in enumerate(self.fields or ())}
+
+    @cached_property
+    def mask(self) -> tuple[_Key, ...] | None:
+        """The keys that lead to which rows are there; None if a field says so, or nothing."""
+        if self.present is None or self.present in self.columns:
+            return None
+        return _listed_keys(self.present)
+
+
+def _listed_keys(key: _Key | list[_Key] | None) -> tuple[_Key, ...]:
+    if key is None:
+        return ()
+    return tuple(key) if isinstance(key, list) else (key,)
+
+
+class Sort(_Section):
+    """Entities of one kind: the rows of a table, or of several side by side."""
+
+    sources: str | list[str] = Field(
+        alias="from", description="Parts of the observation; their rows are the entities."
+    )
+    at_most: int = Field(ge=1, le=1_000, description="How many rows they have at most.")
+
+    @cached_property
+    def tables(self) -> tuple[str, ...]:
+        """The names of the parts of the observation."""
+        return (self.sources,) if isinstance(self.sources, str) else tuple(self.sources)
+
+
+class FactEntry(_Section):
+    """How true an atom is; a plain formula stands for one without settings."""
+
+    formula: _Formula = Field(
+        description="Its confidence, from 0 to 1, such as below(P.distance, 5, margin=2)."
+    )
+    bounds: Literal["margin", "exact"] = Field(
+        "margin", description="`margin`: [c − m c, c + m c] by grounding.margin; `exact`: [c, c]."
+    )
+    at_least: float = Field(
+        0.0, ge=0, le=1, description="With a confidence below this, the atom is unknown."
+    )
+
+
 class Signal(_Section):
     """A number that the environment gives at every step."""
 
     unit: str = Field(description="Its unit, such as m/s; 1 for a plain number.")
     description: str = Field("", description="What it is.")
     default: float | None = Field(None, description="Used where the caller gives none.")
+    observed: _Formula | None = Field(
+        None,
+        alias="from",
+        description="A formula over the observation before the action, as ego.speed, after it, as "
+        "next.ego.speed, and the action.",
+    )
 
 
 class Weight(_Section):
@@ -95,14 +184,6 @@ class Weight(_Section):
         description="Head → coefficient (the paper's α, β)."
     )
     description: str = Field("", description="What it weighs.")
-
-
-def _as_text(value: Any) -> Any:
-    return repr(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-# YAML reads -10 as a number; as a formula it is one as well.
-_Formula = Annotated[str, BeforeValidator(_as_text, json_schema_input_type=str | float)]
 
 
 class Term(_Section):
@@ -150,11 +231,21 @@ class Expectation(_Section):
     reward: float | None = Field(None, description="The sum of all terms.")
 
 
+Observed = float | list[Any] | dict[str, Any]
+
+
 class Case(_Section):
     """A test that stands in the knowledge base: facts and signals in, values out."""
 
     name: str = Field(description="What the test shows.")
     facts: str | list[str] = Field("", description="Facts as text, or a list of such texts.")
+    observation: Observed | None = Field(
+        None, description="What facts and signals are read from, in place of facts."
+    )
+    action: Observed | None = Field(None, description="The action, for signals that read it.")
+    next: Observed | None = Field(
+        None, description="The observation after the action, for signals that read it."
+    )
     signals: dict[str, float] = Field(default_factory=dict, description="Signal → number.")
     expect: Expectation = Field(description="What must come out, within 1e-9.")
 
@@ -164,6 +255,9 @@ class Remove(_Section):
 
     predicates: list[str] = Field(default_factory=list, description="Without their variables.")
     rules: list[str] = Field(default_factory=list, description="By name, not by head.")
+    observation: list[str] = Field(default_factory=list, description="By name.")
+    entities: list[str] = Field(default_factory=list, description="By name.")
+    facts: list[str] = Field(default_factory=list, description="As written where they stand.")
     signals: list[str] = Field(default_factory=list, description="By name.")
     weights: list[str] = Field(default_factory=list, description="By name.")
     terms: list[str] = Field(default_factory=list, description="By name.")
@@ -176,6 +270,15 @@ def _as_rule_entry(value: Any) -> Any:
 # The input type is for the JSON Schema: a rule may be a plain text.
 _Rule = Annotated[
     RuleEntry, BeforeValidator(_as_rule_entry, json_schema_input_type=str | RuleEntry)
+]
+
+
+def _as_fact_entry(value: Any) -> Any:
+    return value if isinstance(value, dict | FactEntry) else {"formula": value}
+
+
+_Fact = Annotated[
+    FactEntry, BeforeValidator(_as_fact_entry, json_schema_input_type=str | float | FactEntry)
 ]
 
 
@@ -198,6 +301,17 @@ class KnowledgeBaseFile(_Section):
         default_factory=dict, description="Rule name → Horn clause, or clause with settings."
     )
     semantics: Semantics = Field(default_factory=Semantics, description="Operators.")
+    observation: dict[str, Source] = Field(
+        default_factory=dict, description="Names for the parts of what the environment gives."
+    )
+    entities: dict[str, Sort] = Field(
+        default_factory=dict, description="Which entities there are: sort → rows of a table."
+    )
+    facts: dict[str, _Fact] = Field(
+        default_factory=dict,
+        description="An atom with the sorts of its variables, such as Near(P in pedestrian, ego) → "
+        "how true it is.",
+    )
     signals: dict[str, Signal] = Field(default_factory=dict, description="Numbers of a step.")
     weights: dict[str, Weight] = Field(default_factory=dict, description="Weights from rules.")
     terms: dict[str, Term] = Field(default_factory=dict, description="Summands of the reward.")

@@ -114,7 +114,7 @@ def _edits(entry: Entry, source: str) -> Iterator[_Edit]:
 def _clause(entry: Entry) -> yaml.Node | None:
     """Return the node of a value that is a clause, or of a key that is a signature."""
     match entry.path:
-        case ("predicates", str()):
+        case ("predicates" | "facts", str()):
             return entry.key
         case (
             ("rules", str())

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -36,6 +36,8 @@ from sfol.strict_yaml import Document, Keys, Places
 
 _NAME = re.compile(r"[a-z0-9_]+(/[a-z0-9_]+)*\Z")
 _SUFFIXES = (".yaml", ".yml")
+# Where an entry is replaced whole: a rule with its description, a fact with its settings.
+_WHOLE = ("rules", "facts")
 # What describes one file alone and is not handed on to a file that extends it.
 _OWN_SECTIONS = ("extends", "remove", "tests", "description")
 
@@ -210,13 +212,15 @@ class _Merged:
     Attributes:
         data: as one file would have it.
         places: where each part of it stands; the tree has the shape of the data.
-        predicates: name → key of the section, which has the variables too.
+        keys: section → name → key of the section, where a key has variables, too.
         removed_heads: heads that lost rules to an overlay.
     """
 
     data: dict[str, Any] = field(default_factory=dict)
     places: Places = field(default_factory=Places)
-    predicates: dict[str, str] = field(default_factory=dict)
+    keys: dict[str, dict[str, str]] = field(
+        default_factory=lambda: {section: {} for section in _NAME_OF}
+    )
     removed_heads: set[str] = field(default_factory=set)
 
     def place_of(self, path: Keys, offset: int = 0) -> Place | None:
@@ -231,7 +235,9 @@ def _place_of(places: Places, path: Keys, offset: int = 0) -> Place | None:
     spot = places.nearest(path)
     if spot is None:
         return None
-    return spot.of_value(offset) if spot.is_text and path[0] != "predicates" else spot.of_key()
+    # A predicate, or a fact as long as its formula is not meant, is what the key says.
+    by_key = path[0] == "predicates" or (path[0] == "facts" and len(path) == 2)
+    return spot.of_value(offset) if spot.is_text and not by_key else spot.of_key()
 
 
 def _merge(chain: Sequence[Document]) -> _Merged:
@@ -255,7 +261,9 @@ def _remove(merged: _Merged, document: Document) -> None:
                 raise KnowledgeBaseError(
                     f"there is no '{name}' in {section} to remove",
                     name=name,
-                    suggestion=did_you_mean(name, map(_predicate_name, entries)),
+                    suggestion=did_you_mean(
+                        name, entries if section == "facts" else map(_predicate_name, entries)
+                    ),
                     place=_value_place(document, ("remove", section, index)),
                 )
             if section == "rules":
@@ -265,20 +273,20 @@ def _remove(merged: _Merged, document: Document) -> None:
 
 def _apply(merged: _Merged, document: Document) -> None:
     for section, content in document.data.items():
-        if section == "predicates":
-            _replace_predicates(merged, content)
-        if section == "rules":  # a rule is replaced whole, its description too
+        if section in _NAME_OF:
+            _replace_keys(merged, section, content)
+        if section in _WHOLE:
             for name in content:
                 _drop(merged.data.get("rules", {}), merged.places.below.get("rules"), name)
         _put(merged.data, merged.places, section, content, document.places.below[section])
 
 
-def _replace_predicates(merged: _Merged, content: Mapping[str, str]) -> None:
+def _replace_keys(merged: _Merged, section: str, content: Mapping[str, Any]) -> None:
     for key in content:
-        replaced = _existing_key(merged, "predicates", key)
+        replaced = _existing_key(merged, section, key)
         if replaced is not None and replaced not in content:
-            _remove_entry(merged, "predicates", replaced)
-        merged.predicates[_predicate_name(key)] = key
+            _remove_entry(merged, section, replaced)
+        merged.keys[section][_NAME_OF[section](key)] = key
 
 
 def _put(data: dict[str, Any], places: Places, key: str, value: Any, value_places: Places) -> None:
@@ -302,19 +310,30 @@ def _drop(data: dict[str, Any], places: Places | None, key: str) -> None:
 
 def _remove_entry(merged: _Merged, section: str, key: str) -> None:
     _drop(merged.data[section], merged.places.below[section], key)
-    if section == "predicates":
-        del merged.predicates[_predicate_name(key)]
+    if section in _NAME_OF:
+        del merged.keys[section][_NAME_OF[section](key)]
 
 
 def _existing_key(merged: _Merged, section: str, name: str) -> str | None:
-    """Return the key of an entry; a predicate is the same whatever its variables are called."""
-    if section == "predicates":
-        return merged.predicates.get(_predicate_name(name))
+    """Return the key of an entry; it is the same whatever its variables are called."""
+    if section in _NAME_OF:
+        return merged.keys[section].get(_NAME_OF[section](name))
     return name if name in merged.data.get(section, {}) else None
 
 
 def _predicate_name(signature: str) -> str:
     return signature.partition("(")[0].strip()
+
+
+def _fact_name(signature: str) -> str:
+    return re.sub(r"\s+", "", re.sub(r"\w+\s+in\s+", "", signature))
+
+
+# Sections whose keys have variables → what of a key is its name.
+_NAME_OF: Mapping[str, Callable[[str], str]] = {
+    "predicates": _predicate_name,
+    "facts": _fact_name,
+}
 
 
 def _head_of(rule: Any) -> str:
@@ -411,12 +430,16 @@ def _fields_at(model: type[BaseModel], path: Keys) -> tuple[str, ...]:
     kind: Any = model
     for key in path:
         kind = _child_type(kind, key)
-    return tuple(kind.model_fields) if _is_model(kind) else ()
+    return _keys_of(kind) if _is_model(kind) else ()
+
+
+def _keys_of(model: type[BaseModel]) -> tuple[str, ...]:
+    return tuple(found.alias or name for name, found in model.model_fields.items())
 
 
 def _child_type(kind: Any, key: str | int) -> Any:
     if _is_model(kind):
-        found = kind.model_fields.get(str(key))
+        found = next((f for n, f in kind.model_fields.items() if (f.alias or n) == key), None)
         return _bare(found.annotation) if found else None
     arguments = get_args(kind)
     return _bare(arguments[-1]) if arguments else None

@@ -38,6 +38,10 @@ class KnowledgeBase(Parts):
         terms: by name; their sum is the reward.
         entity_weights: in order; the first that holds counts.
         grounding: numbers for whoever turns observations into facts.
+        observation: parts of what the environment gives, by name.
+        entities: sorts of entities in it, by name.
+        facts: how facts are read off it.
+        observed_signals: how signals are, by name.
         tests: cases of the last file; inherited ones do not run for an overlay.
         files: the files that it was made from, in the order in which they were applied.
 
@@ -124,9 +128,20 @@ class KnowledgeBase(Parts):
             },
             "entity_weights": [[str(e.when), e.weight, e.at_least] for e in self.entity_weights],
             "grounding": self.grounding.model_dump(mode="json"),
+            **self._observed_meaning(),
         }
         text = json.dumps(meaning, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
+
+    def _observed_meaning(self) -> dict[str, Any]:
+        """Return what is read off observations, for the digest; one without it has none."""
+        meaning = {
+            "observation": {name: source.model_dump() for name, source in self.observation.items()},
+            "entities": {name: [s.tables, s.at_most] for name, s in self.entities.items()},
+            "facts": {f.text: [f.formula.text, f.exact, f.at_least] for f in self.facts},
+            "observed": {name: f.text for name, f in self.observed_signals.items()},
+        }
+        return {name: content for name, content in meaning.items() if content}
 
     def to_pyreason(self, facts: Facts) -> tuple[Any, list[Any], list[Any]]:
         """Return the PyReason program of a scene, for those who want to go on from it.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from sfol.clauses import Body, Clause
 from sfol.formula import Formula
-from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Weight
+from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Sort, Source, Weight
 from sfol.syntax import Atom
 
 
@@ -76,6 +76,32 @@ class RewardTerm:
 
 
 @dataclass(frozen=True)
+class ObservedFact:
+    """How an atom's truth is read off an observation, for all entities of some sorts.
+
+    Attributes:
+        text: the atom as written, with the sorts of its variables.
+        atom: of variables and constants.
+        sorts: variable → sort.
+        formula: over fields, of the variables' entities and of other parts of the observation.
+        exact: whether its value is a bound by itself, without the margin.
+        at_least: the least value with which something is known.
+    """
+
+    text: str
+    atom: Atom
+    sorts: Mapping[str, str]
+    formula: Formula
+    exact: bool = False
+    at_least: float = 0.0
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        """What tells it from other facts: the predicate, then a sort or constant each."""
+        return (self.atom.predicate, *(self.sorts.get(a, a) for a in self.atom.arguments))
+
+
+@dataclass(frozen=True)
 class EntityCondition:
     """An entity weight with its condition parsed; the entity is the variable X."""
 
@@ -100,8 +126,24 @@ class Parts:
     terms: Mapping[str, RewardTerm]
     entity_weights: tuple[EntityCondition, ...] = ()
     grounding: Grounding = field(default_factory=Grounding)
+    observation: Mapping[str, Source] = field(default_factory=dict)
+    entities: Mapping[str, Sort] = field(default_factory=dict)
+    facts: tuple[ObservedFact, ...] = ()
+    observed_signals: Mapping[str, Formula] = field(default_factory=dict)
     tests: tuple[Case, ...] = ()
     files: tuple[str, ...] = ()
+
+
+def fields_of(observation: Mapping[str, Source], sort: Sort) -> dict[str, tuple[str, int]]:
+    """Return the fields of a sort's entities: name → the table, and the column in it.
+
+    Of a table without fields, its one column has the name "".
+    """
+    return {
+        name: (table, column)
+        for table in sort.tables
+        for name, column in (observation[table].columns or {"": 0}).items()
+    }
 
 
 def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from sfol.knowledge_base.format import FORMAT_VERSION, Case
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import Predicate, Rule
+from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule
 
 _HEAD = ("version", "name", "description", "subject", "background")
 _WIDTH = 100
@@ -44,6 +44,9 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         },
         "rules": {name: _rule(rule) for name, rule in kb.rules.items()},
         "semantics": kb.semantics.model_dump(exclude_none=True),
+        "observation": {name: _said(source) for name, source in kb.observation.items()},
+        "entities": {name: _said(sort) for name, sort in kb.entities.items()},
+        "facts": {fact.text: _fact(fact) for fact in kb.facts},
         "signals": {name: _said(signal) for name, signal in kb.signals.items()},
         "weights": {
             name: {**_said(weight), "coefficients": _with_rules(kb, weight.coefficients)}
@@ -91,6 +94,18 @@ def _rule(rule: Rule) -> str | dict[str, Any]:
     return entry if len(entry) > 1 else str(rule.clause)
 
 
+def _fact(fact: ObservedFact) -> str | dict[str, Any]:
+    entry = _without_defaults(
+        {
+            "formula": fact.formula.text,
+            "bounds": "exact" if fact.exact else "margin",
+            "at_least": fact.at_least,
+        },
+        {"bounds": "margin", "at_least": 0.0},
+    )
+    return entry if len(entry) > 1 else fact.formula.text
+
+
 def _case(kb: KnowledgeBase, case: Case) -> dict[str, Any]:
     said = _said(case)
     expect = said["expect"]
@@ -105,7 +120,7 @@ def _with_rules(kb: KnowledgeBase, coefficients: Mapping[str, float]) -> dict[st
 
 
 def _said(model: BaseModel) -> dict[str, Any]:
-    return model.model_dump(exclude_defaults=True)
+    return model.model_dump(exclude_defaults=True, by_alias=True)
 
 
 def _without_defaults(entry: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:

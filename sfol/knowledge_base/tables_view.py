@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from rich.console import Group
 from rich.markup import escape
@@ -44,13 +44,53 @@ def summary_table(kb: KnowledgeBase) -> Group:
         ),
         _table(
             "Signals",
-            ("signal", "unit", "description", "default"),
+            ("signal", "unit", "description", "default", "from"),
             (
-                (name, s.unit, s.description, "" if s.default is None else f"{s.default:g}")
+                (
+                    name,
+                    s.unit,
+                    s.description,
+                    "" if s.default is None else f"{s.default:g}",
+                    s.observed or "",
+                )
                 for name, s in kb.signals.items()
             ),
         ),
+        *_observed(kb),
     )
+
+
+def _observed(kb: KnowledgeBase) -> Iterator[Table]:
+    """Yield what is read off observations, if anything is."""
+    if kb.observation:
+        yield _table(
+            "Observation",
+            ("part", "key", "fields", "present"),
+            (
+                (
+                    name,
+                    ".".join(map(str, source.path)) or "the whole",
+                    ", ".join(source.columns) or "one number",
+                    "" if source.present is None else str(source.present),
+                )
+                for name, source in kb.observation.items()
+            ),
+        )
+    if kb.entities:
+        yield _table(
+            "Entities",
+            ("sort", "from", "at most"),
+            ((n, ", ".join(sort.tables), f"{sort.at_most}") for n, sort in kb.entities.items()),
+        )
+    if kb.facts:
+        yield _table(
+            "Facts",
+            ("atom", "formula", "bounds", "at least"),
+            (
+                (f.text, f.formula.text, "exact" if f.exact else "margin", f"{f.at_least:g}")
+                for f in kb.facts
+            ),
+        )
 
 
 def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:

@@ -162,6 +162,20 @@ class Literal(ABC):
         """
         raise NotImplementedError(f"'{self}' is not tested")
 
+    # -- arrays ---------------------------------------------------------------------------------
+
+    def holds_among(self, numbers: Callable[[str], Array]) -> Array:
+        """Tell where a guard holds, for all values of its terms at once.
+
+        Args:
+            numbers: term → the numbers of the entities that it may be, which differ between
+                entities, along an axis of its own.
+
+        Raises:
+            NotImplementedError: it stands for an atom, or a new kind of guard does not say.
+        """
+        raise NotImplementedError(f"'{self}' is no guard")
+
     # -- explanation ----------------------------------------------------------------------------
 
     @abstractmethod

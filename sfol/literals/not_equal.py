@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from sfol.arrays import Array
 from sfol.facts import TRUE
 from sfol.literals.literal import Criterion, Literal, QueryClause, Thresholds
 from sfol.literals.search import Rows, Scene, Search, Step
@@ -56,6 +57,9 @@ class NotEqual(Literal):
                 then(search)
 
         return step
+
+    def holds_among(self, numbers: Callable[[str], Array]) -> Array:
+        return numbers(self.left) != numbers(self.right)
 
     def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
         return str(self)

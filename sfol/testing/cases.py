@@ -74,8 +74,9 @@ def run_tests(kb: KnowledgeBase) -> TestReport:
 
 def run_case(reward: RewardFunction, case: Case) -> CaseResult:
     """Run one test of a knowledge base."""
-    facts = Facts.parse(case.facts, margin=reward.kb.grounding.margin)
     try:
+        case = written_out(reward, case)
+        facts = Facts.parse(case.facts, margin=reward.kb.grounding.margin)
         conclusions = reward.conclude(facts)
     except SfolError as error:
         return CaseResult(case.name, (str(error),), frozenset())
@@ -84,6 +85,21 @@ def run_case(reward: RewardFunction, case: Case) -> CaseResult:
     except SfolError as error:
         return CaseResult(case.name, (str(error),), conclusions.fired)
     return CaseResult(case.name, tuple(_differences(case, outcome)), conclusions.fired)
+
+
+def written_out(reward: RewardFunction, case: Case) -> Case:
+    """Return a test with the facts and signals that are read off its observations, in their place.
+
+    Raises:
+        FactError: the observation has another form than the knowledge base says.
+        SignalError: so has the observation after the action, or the action.
+    """
+    if case.observation is None:
+        return case
+    signals = reward.observe_signals(case.observation, case.action, case.next, **case.signals)
+    facts = str(reward.observe(case.observation))
+    read = {"observation": None, "action": None, "next": None}
+    return case.model_copy(update={"facts": facts, "signals": signals, **read})
 
 
 def _differences(case: Case, outcome: Outcome) -> Iterator[str]:

@@ -19,6 +19,7 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
 from sfol.syntax import Atom
+from sfol.testing.cases import written_out
 from sfol.tools.bench_pyreason import ready, ready_compared, run_python
 
 Tuples = Sequence[tuple[Atom, Bound]]
@@ -73,7 +74,9 @@ def busiest(kb: KnowledgeBase) -> tuple[Case, str]:
     Raises:
         KnowledgeBaseError: no test names an entity besides the subject.
     """
-    scenes = [(case, Facts.parse(case.facts)) for case in kb.tests]
+    reward = RewardFunction(kb)
+    cases = [written_out(reward, case) for case in kb.tests]
+    scenes = [(case, Facts.parse(case.facts)) for case in cases]
     found = [
         (len(facts), sum(entity in atom.arguments for atom in facts), case, entity)
         for case, facts in scenes

@@ -106,10 +106,27 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
                 "groundings": "pooled" if kb.semantics.pools else "best",
             }
         },
+        "observation": {
+            name: {key: str(value) for key, value in source.model_dump().items()}
+            for name, source in kb.observation.items()
+        },
+        "entities": {
+            name: {"from": ", ".join(sort.tables), "at_most": f"{sort.at_most}"}
+            for name, sort in kb.entities.items()
+        },
+        "facts": {
+            fact.text: {
+                "formula": fact.formula.text,
+                "bounds": "exact" if fact.exact else "margin",
+                "at_least": f"{fact.at_least!r}",
+            }
+            for fact in kb.facts
+        },
         "signals": {
             name: {
                 "unit": signal.unit,
                 "default": "none" if signal.default is None else f"{signal.default!r}",
+                "from": "none" if signal.observed is None else signal.observed,
             }
             for name, signal in kb.signals.items()
         },

@@ -21,6 +21,8 @@ again.
 | SF012 | warning | recorded episodes: endings that have no place in the order |
 | SF013 | warning | a comment that ignores something that is no code |
 | SF014 | warning | a test that expects nothing |
+| SF015 | warning | a part of the observation, or a sort, that nothing reads |
+| SF016 | warning | a predicate that rules read, and neither a fact of the file nor a rule gives |
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 15))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 17))
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
@@ -83,6 +85,8 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _without_rule,
         _without_use,
         _expects_nothing,
+        _unread,
+        _ungiven,
         _subsumed,
         _not_monotone,
     )
@@ -231,6 +235,37 @@ def _expects_nothing(kb: KnowledgeBase) -> Iterator[Finding]:
                 f"the test '{case.name}' expects nothing, so that it can hardly fail",
                 ("tests", index),
                 "name a bound, a confidence, a weight, a term or the reward that must come out",
+            )
+
+
+def _unread(kb: KnowledgeBase) -> Iterator[Finding]:
+    formulas = [*(fact.formula for fact in kb.facts), *kb.observed_signals.values()]
+    sorts = {sort for fact in kb.facts for sort in fact.sorts.values()}
+    sorts |= {part for f in formulas for r in f.ranges for part in r.sort.split(".")}
+    parts = {part for f in formulas for name in f.names for part in name.split(".")[:2]}
+    parts |= {table for sort in kb.entities.values() for table in sort.tables}
+    for section, names, used, what in (
+        ("observation", kb.observation, parts, "no fact, signal or sort reads the part"),
+        ("entities", kb.entities, sorts, "no fact or signal is about the entities of"),
+    ):
+        for name in names:
+            if name not in used:
+                yield Finding(
+                    "SF015", "warning", f"{what} '{name}'", (section, name), "remove it, or use it"
+                )
+
+
+def _ungiven(kb: KnowledgeBase) -> Iterator[Finding]:
+    given = {fact.atom.predicate for fact in kb.facts}
+    given |= {atom.predicate for atom in kb.background} | {*kb.heads}
+    for name in kb.declared if kb.facts else ():
+        if name in kb.read and name not in given:
+            yield Finding(
+                "SF016",
+                "warning",
+                f"rules read the predicate '{name}', of which nothing is known: no fact gives it",
+                ("predicates", name),
+                "add it to facts",
             )
 
 

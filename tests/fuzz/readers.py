@@ -39,8 +39,10 @@ def formula(data: bytes) -> None:
     with suppress(SfolError):
         parsed = Formula.parse(data.decode(errors="surrogateescape"))
         for number in _NUMBERS:
+            entities = {r.key: [dict.fromkeys(r.names, number)] * 2 for r in parsed.ranges}
             with suppress(SfolError):
-                assert abs(parsed(dict.fromkeys(parsed.names, number))) < float("inf")
+                values = {**dict.fromkeys(parsed.names, number), **entities}
+                assert abs(parsed(values)) < float("inf")
 
 
 def facts(data: bytes) -> None:

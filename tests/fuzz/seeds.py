@@ -23,6 +23,7 @@ def seeds(reader: str) -> Iterator[bytes]:
         case "formula":
             yield from (term.formula.text.encode() for term in kb.terms.values())
             yield b"where(v > 0, min(1 / v, 5), clip(exp(-v), 0, 1e3)) ** 2"
+            yield b"1 - any(below(hypot(P.x - ego.x, P.y), 2, margin=1, shape=cosine) for P in person)"
         case "facts":
             yield b"Vehicle(ego). Pedestrian(p1): [0.76, 0.84]. Near(p1, ego): 0.9. % note"
         case "log":

@@ -66,8 +66,11 @@ def test_observations_actions_and_endings_are_the_environments(cartpole):
         assert done == plain_done
 
 
-def test_a_missing_signal_is_named(cartpole):
-    env = RuleReward(cartpole[0].env, cartpole[1], facts=facts_of, signals=lambda _: {})
+def test_a_missing_signal_is_named(cartpole, tmp_path):
+    path = tmp_path / "mute.yaml"
+    path.write_text("version: 1\nname: mute\nextends: cartpole\nsignals: {speed: {from: null}}\n")
+    reward = sfol.RewardFunction(path)
+    env = RuleReward(cartpole[0].env, reward, facts=facts_of, signals=lambda _: {})
     env.reset(seed=0)
     with pytest.raises(sfol.errors.SignalError, match="speed"):
         env.step(0)
@@ -104,6 +107,52 @@ def test_the_observation_before_stays_what_it_was():
     env.step(0)
     env.step(0)
     assert seen == [([0, 0], [1, 1]), ([1, 1], [2, 2])]
+
+
+def test_facts_and_signals_are_read_without_functions(cartpole):
+    env, reward = RuleReward(cartpole[0].env, cartpole[1]), cartpole[1]
+    before, _ = env.reset(seed=3)
+    for _ in range(5):
+        after, value, _, _, info = env.step(1)
+        outcome = reward.transition(before, 1, after)
+        assert value == outcome.reward != 0
+        assert {k: info[f"reward_{k}"] for k in outcome.terms} == outcome.terms
+        before = after
+    check_env(RuleReward(gymnasium.make("CartPole-v1"), reward), skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "speed"),
+    [
+        ({}, 2.0),
+        ({"signals": lambda _: {"speed": 7.0}}, 7.0),
+        ({"facts": lambda *_: sfol.Facts()}, 2.0),
+    ],
+)
+def test_a_function_may_make_the_facts_or_some_signals(given, speed):
+    class Still(OneArray):
+        observation_space = gymnasium.spaces.Box(-100, 100, (4,))
+
+        def __init__(self):
+            self.state = np.float32([2.4, 2.0, 0.0, 0.0])
+
+        def reset(self, *, seed=None, options=None):
+            return self.state, {}
+
+        def step(self, action):
+            return self.state, 0.0, False, False, {}
+
+    env = RuleReward(Still(), sfol.RewardFunction("cartpole"), **given)
+    env.reset()
+    info = env.step(0)[-1]
+    leaving = info["confidence_leaving"]
+    assert leaving == (0.0 if "facts" in given else 0.975)
+    assert info["reward_track"] == pytest.approx(-0.5 * (1 + speed**2) * leaving)
+
+
+def test_a_file_that_reads_no_facts_needs_a_function(cartpole):
+    with pytest.raises(sfol.errors.UsageError, match="'aeb' does not say how facts are read"):
+        RuleReward(cartpole[0].env, sfol.RewardFunction("aeb"))
 
 
 @pytest.mark.parametrize("wrong", ["env", "reward", "facts", "signals"])

@@ -158,7 +158,7 @@ def test_a_bundled_name_that_is_misspelt():
         ("careful: 1.0", "crefaul: 1.0", 17, 40, "unknown head 'crefaul'", "did you mean 'careful'?"),
         ("weight: care,", "weight: cear,", 19, 19, "unknown weight 'cear'", "did you mean 'care'?"),
         ("-k * speed", "-k * sped", 19, 39, "the formula reads 'sped'", "did you mean 'speed'?"),
-        ("-k * speed", "-k * speed.real", 19, 39, "no room for 'speed.real'", "numbers, names"),
+        ("-k * speed", "-k * speed.real", 19, 39, "the formula reads 'speed.real'", "from: speed.real"),
         ("rules:", "ruels:", 11, 1, "unknown key 'ruels'", "did you mean 'rules'?"),
         ("normalizer: 1", "normalizer: 0", 17, 10, "greater than 0", ""),
         ("normalizer: 1", "normalizer: one", 17, 22, "not 'one'", ""),

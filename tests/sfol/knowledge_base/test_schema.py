@@ -43,7 +43,15 @@ def test_everything_has_a_description_and_what_may_be_left_out_a_default():
     schema = json_schema()
     for model in (schema, *schema["$defs"].values()):
         assert model["description"]
-        needed = {*model.get("required", ()), "normalizer", "coefficients", "formula", "unit"}
+        needed = {
+            *model.get("required", ()),
+            "normalizer",
+            "coefficients",
+            "formula",
+            "unit",
+            "from",
+            "at_most",
+        }
         for name, entry in model["properties"].items():
             assert entry["description"], name
             assert "default" in entry or name in needed or "weight" in name, name

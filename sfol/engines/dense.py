@@ -1,0 +1,549 @@
+"""Evaluation over arrays: every predicate an array, for all scenes and all entities at once.
+
+Entities belong to *domains*: the sorts of a knowledge base, and one for each constant. The atoms of
+a predicate for entities of some domains are a *block*: arrays (n, B) or (n, m, B), with B scenes
+along the last axis. What scenes have in common has one scene, and broadcasts. A rule is typed: for
+each choice of domains for its variables that the blocks allow, its literals are arrays with an axis
+for each variable. Which substitutions satisfy it is found by eliminating variables, without a loop
+over scenes or entities.
+
+It gives what the compiled engine gives scene by scene.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from sfol.arrays import Array, Backend
+from sfol.engines.batched import Bounds
+from sfol.engines.elimination import Names, eliminated, elimination_order
+from sfol.engines.program import Program
+from sfol.errors import WorkLimitError
+from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.literals import AtomLiteral, Literal
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
+from sfol.syntax import is_variable, variables
+
+Axes = tuple[str, ...]  # the domain of each argument
+Key = tuple[str, Axes]  # a predicate, and the domains of its arguments
+Blocks = Mapping[Key, Bounds]
+Sizes = Mapping[str, int]  # domain → how many entities it has
+_Argument = str | int  # a variable, or a place in the argument's domain
+
+
+@dataclass(frozen=True)
+class Domains:
+    """Where entities stand.
+
+    Attributes:
+        sizes: domain → how many entities it has, at most.
+        places: constant → its domain, and its place there.
+    """
+
+    sizes: Mapping[str, int]
+    places: Mapping[str, tuple[str, int]]
+
+    @classmethod
+    def of(cls, kb: KnowledgeBase, sorts: Mapping[str, Sequence[str]]) -> Domains:
+        """Return the domains of a knowledge base: sorts, and one for each other constant.
+
+        Args:
+            kb: the knowledge base.
+            sorts: the names of each one's entities.
+        """
+        terms = [kb.subject, *(a for atom in kb.background for a in atom.arguments)]
+        terms += [a for fact in kb.facts for a in fact.atom.arguments]
+        terms += [
+            a for r in kb.rules.values() for a in (*r.clause.head.arguments, *r.clause.body.terms)
+        ]
+        places = {name: (sort, i) for sort, names in sorts.items() for i, name in enumerate(names)}
+        alone = dict.fromkeys(t for t in terms if not is_variable(t) and t not in places)
+        # A domain of one can't be called like a sort.
+        places |= {constant: (f"={constant}", 0) for constant in alone}
+        sizes = {sort: len(names) for sort, names in sorts.items()}
+        return cls({**sizes, **{f"={constant}": 1 for constant in alone}}, places)
+
+    def of_slots(self, slots: Iterable[str]) -> Axes:
+        """Return the domains of sorts, and of constants among them."""
+        return tuple(self.places[slot][0] if slot in self.places else slot for slot in slots)
+
+    def axes(self, constants: Iterable[str]) -> Axes:
+        """Return the domains of some constants."""
+        return tuple(self.places[constant][0] for constant in constants)
+
+
+@dataclass(frozen=True)
+class _Operand:
+    """A literal of a typed rule, and where its atoms' bounds are found.
+
+    Attributes:
+        literal: itself.
+        key: the block that it reads; there may be none, and then nothing is known.
+        arguments: of its atom.
+        names: its variables.
+    """
+
+    literal: AtomLiteral
+    key: Key
+    arguments: tuple[_Argument, ...]
+    names: Names
+
+
+@dataclass(frozen=True)
+class _Typed:
+    """A rule with a domain for each of its variables.
+
+    Attributes:
+        rule: the rule.
+        order: its variables, those of the head first; each has an axis, in this order.
+        types: variable → domain.
+        head: the arguments of the head.
+        axes: the domains of these.
+        operands: its literals that stand for atoms.
+        guards: its other literals, with their variables.
+        kept: for each operand, the variables that its bounds depend on: its own and the head's.
+        orders: sets of variables, larger ones first → in which order all others are eliminated.
+    """
+
+    rule: Rule
+    order: tuple[str, ...]
+    types: Mapping[str, str]
+    head: tuple[_Argument, ...]
+    axes: Axes
+    operands: tuple[_Operand, ...]
+    guards: tuple[tuple[Literal, Names], ...]
+    kept: tuple[Names, ...]
+    orders: Mapping[Names, tuple[str, ...]]
+
+    @property
+    def head_names(self) -> Names:
+        """The variables of the head."""
+        return frozenset(argument for argument in self.head if isinstance(argument, str))
+
+    def typed(self, names: Names) -> frozenset[tuple[str, str]]:
+        """Return variables with their domains."""
+        return frozenset((name, self.types[name]) for name in names)
+
+
+class DenseProgram:
+    """A program for blocks of some predicates and domains.
+
+    Args:
+        program: what an engine runs.
+        domains: where entities stand.
+        keys: the blocks that will be given.
+
+    Raises:
+        WorkLimitError: a rule would need too large an array for each scene.
+    """
+
+    def __init__(self, program: Program, domains: Domains, keys: Iterable[Key]) -> None:
+        self.program = program
+        self.domains = domains
+        self._offsets = dict(zip(domains.sizes, _running(domains.sizes.values()), strict=True))
+        known: dict[str, dict[Axes, None]] = {}
+        for predicate, axes in keys:
+            known.setdefault(predicate, {})[axes] = None
+        self._strata: list[tuple[str, list[list[_Typed]]]] = []
+        for head in program.strata:
+            rules = [list(self._typed(rule, known)) for rule in self._rules(head)]
+            self._strata.append((head, rules))
+            known.setdefault(head, {}).update((t.axes, None) for rule in rules for t in rule)
+
+    def conclude(self, blocks: Blocks, backend: Backend, sizes: Sizes) -> dict[Key, Bounds]:
+        """Return the blocks, with everything that follows from them.
+
+        Args:
+            blocks: of the keys that the program was made for, and of no others; what is unknown
+                has any bound, but no NaN.
+            backend: the library of arrays.
+            sizes: domain → how many entities it has here.
+        """
+        evaluation = _Evaluation(self, blocks, backend, sizes, self._offsets)
+        for head, rules in self._strata:
+            evaluation.stratum(head, rules)
+        return evaluation.blocks
+
+    def of_subject(self, blocks: Blocks, backend: Backend, size: int) -> dict[str, Bounds]:
+        """Return the bounds of the subject's heads: head → (B,).
+
+        Args:
+            blocks: that `conclude` returned.
+            backend: the library of arrays.
+            size: B, the number of scenes.
+        """
+        domain, place = self.domains.places[self.program.knowledge_base.subject]
+        nobody = Bounds(*(backend.full(1, 0.0)[None],) * 2, backend.full(1, False)[None])
+        found = {}
+        for head in self.program.subject_heads:
+            block = blocks.get((head, (domain,))) or nobody
+            found[head] = Bounds(
+                *(
+                    backend.broadcast(_taken(values, 0, place), (size,))
+                    for values in (block.lower, block.upper, block.known)
+                )
+            )
+        return found
+
+    def _rules(self, head: str) -> Iterator[tuple[Rule, Mapping[str, str]]]:
+        """Yield the rules of a head; of the subject alone where nothing else is asked for."""
+        subject = self.program.knowledge_base.subject
+        for rule, _ in self.program.rules[head]:
+            term = rule.clause.head.arguments[0]
+            if not self.program.for_subject_alone(head):
+                yield rule, {}
+            elif is_variable(term):
+                yield rule, {term: subject}
+            elif term == subject:
+                yield rule, {}
+
+    def _typed(
+        self, given: tuple[Rule, Mapping[str, str]], known: Mapping[str, Mapping[Axes, None]]
+    ) -> Iterator[_Typed]:
+        rule, values = given
+        head = rule.clause.head.substituted(values)
+        literals = [literal.substituted(values) for literal in rule.clause.body.literals]
+        atoms = [literal for literal in literals if isinstance(literal, AtomLiteral)]
+        order = variables(*head.arguments, *(t for literal in literals for t in literal.terms))
+        places = self.domains.places
+
+        def argument(term: str) -> _Argument:
+            return term if is_variable(term) else places[term][1]
+
+        for types in self._types([lit for lit in atoms if lit.binds], known, {}):
+
+            def domain(term: str, types: Mapping[str, str] = types) -> str:
+                return types[term] if is_variable(term) else places[term][0]
+
+            operands = tuple(
+                _Operand(
+                    literal,
+                    (literal.atom.predicate, tuple(map(domain, literal.atom.arguments))),
+                    tuple(map(argument, literal.atom.arguments)),
+                    frozenset(variables(*literal.terms)),
+                )
+                for literal in atoms
+            )
+            guards = [lit for lit in literals if not isinstance(lit, AtomLiteral)]
+            named = tuple((guard, frozenset(variables(*guard.terms))) for guard in guards)
+            kept = tuple(o.names.union(variables(*head.arguments)) for o in operands)
+            factors = [*(o.names for o in operands), *(names for _, names in named)]
+            targets = {*kept, frozenset(variables(*head.arguments))}
+            yield _Typed(
+                rule,
+                order,
+                types,
+                tuple(map(argument, head.arguments)),
+                tuple(map(domain, head.arguments)),
+                operands,
+                named,
+                kept,
+                {
+                    names: self._order(rule, factors, names, types)
+                    for names in sorted(targets, key=lambda names: (-len(names), sorted(names)))
+                },
+            )
+
+    def _types(
+        self,
+        literals: Sequence[AtomLiteral],
+        known: Mapping[str, Mapping[Axes, None]],
+        types: Mapping[str, str],
+    ) -> Iterator[Mapping[str, str]]:
+        """Yield the domains that variables can have, so that every literal has a block."""
+        if not literals:
+            yield types
+            return
+        atom = literals[0].atom
+        for axes in known.get(atom.predicate, ()):
+            extended = dict(types)
+            fits = (
+                extended.setdefault(term, domain) == domain
+                if is_variable(term)
+                else self.domains.places[term][0] == domain
+                for term, domain in zip(atom.arguments, axes, strict=True)
+            )
+            if all(fits):
+                yield from self._types(literals[1:], known, extended)
+
+    def _order(
+        self, rule: Rule, factors: Sequence[Names], keep: Names, types: Mapping[str, str]
+    ) -> tuple[str, ...]:
+        sizes = {name: self.domains.sizes[domain] for name, domain in types.items()}
+        order, largest = elimination_order(factors, keep, sizes)
+        if largest > self.program.work_limit:
+            raise WorkLimitError(
+                f"the rule '{rule.name}' needs an array of {largest:,} numbers for each scene",
+                name=rule.name,
+                suggestion="fewer variables that depend on each other, or smaller sorts, need less",
+            )
+        return order
+
+
+def _running(counts: Iterable[int]) -> Iterator[int]:
+    total = 0
+    for count in counts:
+        yield total
+        total += count
+
+
+class _Evaluation:
+    """One evaluation; blocks are added stratum by stratum.
+
+    It is what its literals see as `sfol.literals.literal.BatchBounds`, with blocks for rows.
+    """
+
+    def __init__(
+        self,
+        program: DenseProgram,
+        blocks: Blocks,
+        backend: Backend,
+        sizes: Sizes,
+        offsets: Mapping[str, int],
+    ) -> None:
+        semantics = program.program.knowledge_base.semantics
+        self._conjunction = CONJUNCTIONS[semantics.conjunction]
+        self._disjunction = DISJUNCTIONS[semantics.disjunction]
+        self._pools = semantics.pools
+        self._places = program.domains.places
+        self._sizes = sizes
+        self._offsets = offsets
+        self._atoms_of: dict[int, Bounds] = {}  # of an operand, which lives as long as the program
+        self.blocks = dict(blocks)
+        self.backend = backend
+
+    def lower(self, rows: Bounds) -> Array:
+        """Return the lower bounds of a block."""
+        return rows.lower
+
+    def upper(self, rows: Bounds) -> Array:
+        """Return the upper bounds of a block."""
+        return rows.upper
+
+    def known(self, rows: Bounds) -> Array:
+        """Tell which atoms of a block are known."""
+        return rows.known
+
+    def possible(self, rows: Bounds) -> Array:
+        """Tell which atoms of a block are known and have an upper bound above 0."""
+        return rows.known & (rows.upper > 0.0)
+
+    def stratum(self, head: str, rules: Sequence[Sequence[_Typed]]) -> None:
+        """Conclude one head."""
+        disjuncts: dict[Axes, list[Bounds]] = {}
+        for typed in rules:
+            for axes in dict.fromkeys(rule.axes for rule in typed):
+                same = [rule for rule in typed if rule.axes == axes]
+                bounds = self._pooled(same) if self._pools else self._best(same)
+                disjuncts.setdefault(axes, []).append(self._as_block(bounds, same[0]))
+        for axes, found in disjuncts.items():
+            asserted = self.blocks.get((head, axes))
+            every = found if asserted is None else [asserted, *found]
+            self.blocks[head, axes] = self._either(every)
+
+    # -- a rule -------------------------------------------------------------------------------
+
+    def _pooled(self, typed: Sequence[_Typed]) -> Bounds:
+        """Combine each literal's distinct atoms, all together."""
+        backend, pool = self.backend, self._conjunction.pooled
+        assert pool is not None  # a checked knowledge base pools only where that is defined
+        supports: dict[frozenset[tuple[str, str]], tuple[Array, Names, _Typed]] = {}
+        for rule in typed:
+            for names, mask in self._supports(rule).items():
+                key = rule.typed(names)
+                # The same atoms may support a head with other variables of other domains.
+                others = [supports[key][0]] if key in supports else []
+                supports[key] = reduce(operator.or_, others, mask), names, rule
+        lower = upper = count = backend.full(1, 0.0)
+        for mask, names, rule in supports.values():
+            operands = [
+                o for o, kept in zip(rule.operands, rule.kept, strict=True) if kept == names
+            ]
+            if not operands:
+                continue
+            lowers, uppers = self._sums(rule, operands)
+            axes = tuple(axis for axis, n in enumerate(rule.order) if n in names - rule.head_names)
+            chosen = backend.real(mask)  # a product is faster than a choice
+            lower = lower + backend.sum_along(chosen * lowers, axes)
+            upper = upper + backend.sum_along(chosen * uppers, axes)
+            count = count + len(operands) * backend.sum_along(chosen, axes)
+        atoms = backend.maximum(count, 1.0)
+        return Bounds(pool(lower, atoms), pool(upper, atoms), count > 0.0)
+
+    def _supports(self, rule: _Typed) -> dict[Names, Array]:
+        """Return where variables have values with which the whole body holds."""
+        found: dict[Names, Array] = {}
+        factors = self._factors(rule)
+        for names, order in rule.orders.items():
+            wider = next((other for other in found if other > names), None)
+            found[names] = (
+                eliminated(factors, order, operator.and_, self._any(rule))
+                if wider is None
+                else reduce(
+                    lambda mask, name: self._any(rule)(name, mask),
+                    sorted(wider - names),
+                    found[wider],
+                )
+            )
+        return found
+
+    def _best(self, typed: Sequence[_Typed]) -> Bounds:
+        """Combine per substitution, then take the greatest of lowers and of uppers."""
+        backend, conjunction = self.backend, self._conjunction
+        single = [self._best_of(rule) for rule in typed]
+        known = reduce(operator.or_, (bounds.known for bounds in single))
+        lower, upper = (
+            reduce(backend.maximum, ends)
+            for ends in ([b.lower for b in single], [b.upper for b in single])
+        )
+        count = len(typed[0].operands)
+        return Bounds(
+            backend.where(known, conjunction.finish(lower, count), 0.0),
+            backend.where(known, conjunction.finish(upper, count), 0.0),
+            known,
+        )
+
+    def _best_of(self, rule: _Typed) -> Bounds:
+        """Return what the best substitutions come to, as yet unfinished."""
+        backend, conjunction = self.backend, self._conjunction
+        names = rule.head_names
+        order = rule.orders[names]
+        masks = self._factors(rule)
+        known = eliminated(masks, order, operator.and_, self._any(rule))
+        lowers: list[tuple[Names, Array]] = []
+        uppers: list[tuple[Names, Array]] = []
+        for operand, (_, holds) in zip(rule.operands, masks, strict=False):
+            lower, upper = self._bounds(rule, operand)
+            for ends, values in ((lowers, lower), (uppers, upper)):
+                ends.append((operand.names, backend.where(holds, values, conjunction.absent)))
+        for guard, holds in masks[len(rule.operands) :]:
+            values = backend.where(holds, conjunction.neutral, backend.full(1, conjunction.absent))
+            lowers.append((guard, values))
+            uppers.append((guard, values))
+
+        def largest(name: str, values: Array) -> Array:
+            return backend.largest_along(values, rule.order.index(name))
+
+        lower, upper = (
+            eliminated(ends, order, conjunction.pair, largest) for ends in (lowers, uppers)
+        )
+        return Bounds(lower, upper, known)
+
+    def _any(self, rule: _Typed) -> Any:
+        return lambda name, mask: self.backend.any_along(mask, rule.order.index(name))
+
+    # -- literals -----------------------------------------------------------------------------
+
+    def _factors(self, rule: _Typed) -> list[tuple[Names, Array]]:
+        """Return where each literal holds: those for atoms first, then guards."""
+        factors = []
+        for operand in rule.operands:
+            holds = operand.literal.batch_holds(self, self._atoms(rule, operand), rule.rule)
+            factors.append((operand.names, holds))
+        for guard, names in rule.guards:
+            factors.append((names, guard.holds_among(lambda term: self._numbers(rule, term))))
+        return factors
+
+    def _bounds(self, rule: _Typed, operand: _Operand) -> tuple[Array, Array]:
+        return operand.literal.batch_bounds(self, self._atoms(rule, operand))
+
+    def _sums(self, rule: _Typed, operands: Sequence[_Operand]) -> tuple[Array, Array]:
+        lowers, uppers = zip(*(self._bounds(rule, operand) for operand in operands), strict=True)
+        return reduce(operator.add, lowers), reduce(operator.add, uppers)
+
+    def _atoms(self, rule: _Typed, operand: _Operand) -> Bounds:
+        """Return the bounds of the atoms that a literal stands for."""
+        if id(operand) not in self._atoms_of:
+            found = self.blocks.get(operand.key) or self._unknown(len(operand.arguments))
+            self._atoms_of[id(operand)] = Bounds(
+                *(
+                    self._placed(rule, operand.arguments, values)
+                    for values in (found.lower, found.upper, found.known)
+                )
+            )
+        return self._atoms_of[id(operand)]
+
+    def _unknown(self, arity: int) -> Bounds:
+        shape = (1,) * (arity + 1)
+        zeros = self.backend.full(1, 0.0).reshape(shape)
+        return Bounds(zeros, zeros, self.backend.full(1, False).reshape(shape))
+
+    def _numbers(self, rule: _Typed, term: str) -> Array:
+        """Return the numbers of the entities that a term of a guard may be."""
+        if not is_variable(term):
+            domain, place = self._places[term]
+            return self.backend.array(
+                np.full((1,) * (len(rule.order) + 1), self._offsets[domain] + place)
+            )
+        domain = rule.types[term]
+        numbers = np.arange(self._sizes[domain]) + self._offsets[domain]
+        return self._placed(rule, (term,), self.backend.array(numbers)[:, None])
+
+    @staticmethod
+    def _placed(rule: _Typed, arguments: tuple[_Argument, ...], values: Array) -> Array:
+        """Return values of a block with an axis for each variable of the rule."""
+        for axis, argument in reversed([*enumerate(arguments)]):
+            if isinstance(argument, int):
+                values = _taken(values, axis, argument)
+        names = [argument for argument in arguments if isinstance(argument, str)]
+        if len(names) == 2 and names[0] == names[1]:
+            places = list(range(values.shape[0]))
+            values, names = values[places, places], names[:1]
+        if len(names) == 2 and rule.order.index(names[0]) > rule.order.index(names[1]):
+            values = values.swapaxes(0, 1)
+        return values[(*(slice(None) if n in names else None for n in rule.order), slice(None))]
+
+    # -- heads --------------------------------------------------------------------------------
+
+    def _as_block(self, bounds: Bounds, rule: _Typed) -> Bounds:
+        """Return what was concluded as a block, with an axis for each argument of the head."""
+        seen: list[_Argument] = []
+        expand: list[slice | None] = []
+        masks: list[Array] = []
+        for axis, (argument, domain) in enumerate(zip(rule.head, rule.axes, strict=True)):
+            size = self._sizes[domain]
+            new = isinstance(argument, str) and argument not in seen
+            expand.append(slice(None) if new else None)
+            if isinstance(argument, int) and size > 1:
+                shape = [1] * (len(rule.head) + 1)
+                shape[axis] = size
+                masks.append((np.arange(size) == argument).reshape(shape))
+            elif not new and not isinstance(argument, int):
+                masks.append(np.eye(size, dtype=np.bool_)[..., None])
+            seen.append(argument)
+        at = tuple(slice(None) if name in rule.head_names else 0 for name in rule.order)
+        lower, upper, known = (
+            values[(*at, slice(None))][(*expand, slice(None))]
+            for values in (bounds.lower, bounds.upper, bounds.known)
+        )
+        for mask in masks:
+            known = known & self.backend.array(mask)
+        if masks:
+            lower, upper = (self.backend.where(known, end, 0.0) for end in (lower, upper))
+        return Bounds(lower, upper, known)
+
+    def _either(self, disjuncts: Sequence[Bounds]) -> Bounds:
+        """Combine what concludes the same atoms; what is unknown is 0, which changes nothing."""
+        if len(disjuncts) == 1:
+            return disjuncts[0]
+        combine, where = self._disjunction.elementwise, self.backend.where
+        return Bounds(
+            combine([where(d.known, d.lower, 0.0) for d in disjuncts]),
+            combine([where(d.known, d.upper, 0.0) for d in disjuncts]),
+            reduce(operator.or_, (d.known for d in disjuncts)),
+        )
+
+
+def _taken(values: Array, axis: int, place: int) -> Array:
+    """Return one place along an axis; nothing is known of a place that there is not."""
+    before = (slice(None),) * axis
+    if place < values.shape[axis]:
+        return values[(*before, place)]
+    nobody = values[(*before, slice(0, 0))]
+    return nobody.any(axis) if str(values.dtype).endswith("bool") else nobody.sum(axis)

@@ -1,0 +1,168 @@
+"""What the formulas of facts and signals read: which number, of which part of an observation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from sfol.errors import FactError, SignalError, did_you_mean
+from sfol.formula import Formula
+from sfol.knowledge_base import KnowledgeBase, Sort, Source
+from sfol.knowledge_base.observing import ACTION, NEXT, entity_names
+from sfol.knowledge_base.parts import fields_of
+
+Observation = Any  # mappings, sequences and arrays, nested in any way
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A name of a formula, and the number that it means.
+
+    Attributes:
+        name: as in the formula, such as ``next.ego.speed`` or ``P.x``.
+        whole: which of the things that are read: ``""`` for the observation, ``next``, ``action``.
+        source: a part of it.
+        column: of that part.
+    """
+
+    name: str
+    whole: str
+    source: str
+    column: int
+
+
+@dataclass(frozen=True)
+class Range:
+    """A variable and its sort, with what is read of the sort's entities.
+
+    Attributes:
+        whole: which of the things that are read.
+        name: of the sort.
+        sort: as the knowledge base has it.
+        entities: what they are called, row by row.
+        readings: of each entity.
+    """
+
+    whole: str
+    name: str
+    sort: Sort
+    entities: tuple[str, ...]
+    readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A formula, with what it reads.
+
+    Attributes:
+        formula: of a fact or a signal.
+        readings: of numbers that belong to no entity.
+        quantified: key of a range → the entities that a quantifier goes through.
+        variables: those of the fact's own variables, in their order.
+    """
+
+    formula: Formula
+    readings: tuple[Reading, ...]
+    quantified: Mapping[str, Range]
+    variables: tuple[Range, ...] = ()
+
+
+Error = type[FactError] | type[SignalError]
+_NO_SORTS: Mapping[str, str] = MappingProxyType({})
+_WHOLES = {"": "the observation", NEXT: "the observation after the action", ACTION: "the action"}
+
+
+def plan_of(kb: KnowledgeBase, formula: Formula, sorts: Mapping[str, str] = _NO_SORTS) -> Plan:
+    """Return what a formula of a fact or signal reads.
+
+    Args:
+        kb: the knowledge base.
+        formula: of a fact or a signal.
+        sorts: variable of the fact → sort.
+    """
+    own = {name: name.partition(".")[0] for name in sorted(formula.names)}
+    return Plan(
+        formula,
+        tuple(_reading(kb, name) for name, first in own.items() if first not in sorts),
+        {r.key: _range(kb, r.sort, sorted(r.names)) for r in formula.ranges},
+        tuple(
+            _range(kb, sort, [name for name, first in own.items() if first == variable])
+            for variable, sort in sorts.items()
+        ),
+    )
+
+
+def _range(kb: KnowledgeBase, name: str, names: Sequence[str]) -> Range:
+    whole, _, own = name.rpartition(".")
+    sort = kb.entities[own]
+    fields = fields_of(kb.observation, sort)
+    readings = [Reading(used, whole, *fields[used.partition(".")[2]]) for used in names]
+    return Range(whole, own, sort, entity_names(own, sort), tuple(readings))
+
+
+def _reading(kb: KnowledgeBase, name: str) -> Reading:
+    first, *rest = name.split(".")
+    whole = first if first in (NEXT, ACTION) else ""
+    source, *field = rest if first == NEXT else (first, *rest)
+    column = kb.observation[source].columns[field[0]] if field else 0
+    return Reading(name, whole, source, column)
+
+
+def width_of(source: Source) -> int:
+    """Return how many numbers a part has, in a row, at least."""
+    return max(source.columns.values(), default=0) + 1
+
+
+def fits(source: Source, width: int) -> bool:
+    """Tell whether a part may have so many numbers, in a row."""
+    least = width_of(source)
+    return width >= least if isinstance(source.fields, dict) else width == least
+
+
+def shape_of(source: Source, before: Sequence[str]) -> str:
+    """Return the shape that a part must have, as text.
+
+    Args:
+        source: the part.
+        before: the sizes of the axes before its fields, such as ``n``.
+    """
+    width = f"{width_of(source)}{' or more' if isinstance(source.fields, dict) else ''}"
+    sizes = [*before, *([width] if source.columns else [])]
+    if not sizes:
+        return "(), a single number"
+    return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+
+
+def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Error) -> Any:
+    """Return the part of an observation that keys lead to.
+
+    Args:
+        whole: the observation, or the action.
+        path: the keys, from the outside in.
+        name: which whole it is, as in `Reading`.
+        error: what is raised where there is no such part.
+    """
+    if whole is None:
+        raise error(f"{_WHOLES[name]} is not given", name=name or "observation")
+    part = whole
+    for key in path:
+        part = under(part, key, _WHOLES[name], error)
+    return part
+
+
+def under(part: Any, key: str | int, owner: str, error: Error) -> Any:
+    """Return what stands under a key; `owner` names the part in the error that it is not there."""
+    try:
+        return part[key]
+    except (KeyError, IndexError, TypeError, ValueError):
+        known = map(str, part) if isinstance(part, Mapping) else ()
+        shape = getattr(part, "shape", None)
+        of_shape = "" if shape is None else f" of shape {tuple(shape)}"
+        raise error(
+            f"{owner} has no '{key}'",
+            name=str(key),
+            suggestion=did_you_mean(str(key), known)
+            or f"it is {type(part).__name__}{of_shape} there",
+        ) from None
