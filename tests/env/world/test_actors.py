@@ -69,11 +69,11 @@ def test_ego_rolls_to_a_stop():
 @pytest.mark.parametrize(("traffic", "count"), [("low", 10), ("medium", 25), ("high", 50)])
 def test_traffic_has_the_paper_s_numbers(traffic, count):
     people, level = crowd(traffic), TRAFFIC[traffic]
-    paces = people._paces
+    paces = people._habits.paces
     assert len(people) == count
     assert np.count_nonzero(paces == RUNNING_PACE) == round(level.running * count)
     target_and_orderly = 1 + level.orderly
-    crossing = np.count_nonzero(~np.isnan(people._lines))
+    crossing = np.count_nonzero(~np.isnan(people._courses.lines))
     assert crossing == round(level.crossing * count) + target_and_orderly
 
 
