@@ -14,6 +14,7 @@ from env.perception.ray_casting import (
     Bodies,
     Camera,
     Ground,
+    Integers,
     Parked,
     Reading,
     Sight,
@@ -164,24 +165,18 @@ class RayEvidence:
             for person, note in zip(persons, notes, strict=False)
         }
         self._in_lane = dict(zip(vehicles, notes[people:], strict=False))
-        self._beside = {
-            person: dict(zip(vehicles, pixels, strict=True))
-            for person, pixels in zip(persons, sight.beside.tolist(), strict=True)
-        }
+        self._beside = _by_vehicle(persons, vehicles, sight.beside)
         # What comes after the vehicles is the crosswalk, if one is seen.
         others = (*persons, *entities[people + count :])
-        self._before = {
-            other: dict(zip(vehicles, pixels, strict=True))
-            for other, pixels in zip(others, sight.before.tolist(), strict=False)
-        }
+        self._before = _by_vehicle(others, vehicles, sight.before)
 
     def beside(self, person: Entity) -> Mapping[Entity, int]:
         """See `vsr.facts.Evidence`."""
-        return self._beside[person]
+        return self._beside.get(person, {})
 
     def before(self, other: Entity) -> Mapping[Entity, int]:
         """See `vsr.facts.Evidence`; a crosswalk reaches from kerb to kerb."""
-        return self._before[other]
+        return self._before.get(other, {})
 
     def is_trodden(self, crosswalk: Entity) -> bool:
         """See `vsr.facts.Evidence`; the street has one crosswalk."""
@@ -190,6 +185,22 @@ class RayEvidence:
     def in_lane(self, vehicle: Entity) -> int:
         """See `vsr.facts.Evidence`."""
         return self._in_lane[vehicle]
+
+
+def _by_vehicle(
+    others: Sequence[Entity], vehicles: Sequence[Entity], pixels: Integers
+) -> dict[Entity, dict[Entity, int]]:
+    """Return how many pixels of each vehicle belong to others; those of whom none do are left out.
+
+    Args:
+        others: persons or crosswalks.
+        vehicles: all V of them.
+        pixels: int64 (P, V), with at least a row for each of the others.
+    """
+    if not vehicles:
+        return {}
+    rows = zip(others, pixels.tolist(), strict=False)
+    return {other: dict(zip(vehicles, row, strict=True)) for other, row in rows if any(row)}
 
 
 @lru_cache(maxsize=64)  # a street has few models, and they stay for an episode

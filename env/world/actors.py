@@ -327,7 +327,7 @@ class Walkers:
         """
         courses = np.arctan2(self.velocities[:, 1], self.velocities[:, 0])
         self.positions, self.headings, self.phases = _walk(
-            self.positions, self.velocities, courses, self.headings, self.phases, dt
+            self.positions, self.velocities, courses, self.headings, self.phases, float(dt)
         )
 
 
@@ -497,7 +497,7 @@ class Pedestrians(Walkers):
             self._eagerness,
         )
         self.velocities, self._courses = _choose(
-            self.positions, self._habits, self._courses, self._road, threat, dt
+            self.positions, self._habits, self._courses, self._road, threat, float(dt)
         )
 
     def _schedule_crossings(
