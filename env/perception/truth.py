@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -23,13 +22,14 @@ from env.perception.ray_casting import (
 from env.world.actors import Walkers
 from env.world.camera import DashCameraParameters
 from env.world.world import ParkedVehicle, World, leg_swings
-from vsr.classes import SemanticClass
+from vsr.classes import ENTITY_CLASSES, SemanticClass
 from vsr.entities import Box, Entity
-from vsr.facts import Pinhole, add_facts, unrated_atoms
+from vsr.facts import Pinhole, UnratedAtom, add_facts, unrated_atoms
 from vsr.grounding import SegmentationGrounding
 
+# By their numbers: those of Python are faster keys than members of an enumeration.
 _KINDS = {int(kind): kind for kind in SemanticClass}
-_NAMES = {kind: kind.name.lower() for kind in SemanticClass}
+_NAMES = {int(kind): kind.name.lower() for kind in ENTITY_CLASSES}
 
 
 class TruthPerception:
@@ -44,6 +44,9 @@ class TruthPerception:
     def __init__(self, world: World, lens: DashCameraParameters, pipeline: ScenePipeline) -> None:
         self._pipeline = pipeline
         self._rays = RayCaster(world, lens, pipeline.grounding)
+        self._said: tuple[list[str], list[UnratedAtom]] = [], []
+        self._facts = pipeline.reward.facts()
+        self._conclusions = pipeline.reward.conclude(self._facts)
 
     def perceive(self, front: float, people: Walkers) -> Scene:
         """Return what the dash camera could see.
@@ -55,11 +58,17 @@ class TruthPerception:
         Returns:
             The scene, without a class map.
         """
-        grounding, pinhole = self._pipeline.grounding, self._rays.pinhole
-        evidence = self._rays.cast(front, people)
-        atoms = unrated_atoms(evidence, grounding, pinhole, self._pipeline.kb.subject)
-        facts = add_facts(self._pipeline.reward.facts(), evidence.entities, atoms, grounding)
-        return self._pipeline.scene(evidence.entities, facts)
+        evidence, pipeline = self._rays.cast(front, people), self._pipeline
+        atoms = unrated_atoms(evidence, pipeline.grounding, self._rays.pinhole, pipeline.kb.subject)
+        said = [entity.name for entity in evidence.entities], list(atoms)
+        # From step to step often the same is said, and the same follows from it.
+        if said != self._said:
+            facts = add_facts(
+                pipeline.reward.facts(), evidence.entities, said[1], pipeline.grounding
+            )
+            self._said, self._facts = said, facts
+            self._conclusions = pipeline.reward.conclude(facts)
+        return Scene(evidence.entities, self._facts.copy(), self._conclusions)
 
 
 class RayCaster:
@@ -132,14 +141,14 @@ class RayCaster:
 
     def _entities(self, sight: Sight) -> tuple[Entity, ...]:
         """Return what is seen; names count within a class."""
-        numbers: Counter[SemanticClass] = Counter()
+        counts = dict.fromkeys(_NAMES, 0)
         entities = []
         for number, top, left, bottom, right in sight.things[:, :5].tolist():
-            kind = _KINDS[number]
-            numbers[kind] += 1
+            counts[number] += 1
+            name = f"{_NAMES[number]}{counts[number]}"
             mask = self._filled[: bottom - top, : right - left]
-            name = f"{_NAMES[kind]}{numbers[kind]}"
-            entities.append(Entity(name, kind, 1.0, Box(top, left, bottom, right), mask))
+            box = Box(top, left, bottom, right)
+            entities.append(Entity(name, _KINDS[number], 1.0, box, mask))
         return tuple(entities)
 
 

@@ -298,26 +298,23 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
     def _drive(self, pedal: float) -> _Stretch:
         dt = 1.0 / PHYSICS_HZ
         self.people.decide(self.ego, self.control_dt)
-        egos = [self.ego.after(pedal, dt)]
-        while len(egos) < self._substeps:
-            egos.append(egos[-1].after(pedal, dt))
-        fronts = np.array([ego.position for ego in egos])
+        states = self.ego.course(pedal, dt, self._substeps)
+        fronts, speeds = states[:, 0].copy(), states[:, 1].copy()
         positions = self.people.paths(self._instants)
-        contact = self._first_contact(egos, fronts, positions)
+        contact = self._first_contact(fronts, speeds, positions)
         end = self._substeps if contact is None else contact + 1
-        self.ego = egos[end - 1]
+        self.ego = Ego(self.ego.parameters, *states[end - 1].tolist())
         self.people.advance(end * dt)
-        speeds = np.array([ego.speed for ego in egos[:end]])
-        return _Stretch(fronts[:end], speeds, positions[:end], contact is not None)
+        return _Stretch(fronts[:end], speeds[:end], positions[:end], contact is not None)
 
-    def _first_contact(self, egos: list[Ego], fronts: Array, positions: Array) -> int | None:
+    def _first_contact(self, fronts: Array, speeds: Array, positions: Array) -> int | None:
         """Return the first instant at which ego, moving, touches somebody."""
         length, reach = self._ego_parameters.length, PERSON_RADIUS + 0.1
         near = self.corridor.alongside(fronts, positions, length, reach).tolist()
         for instant, pairs in groupby(near, itemgetter(0)):
-            ego, who = egos[instant], [person for _, person in pairs]
-            if self.world.touches(ego.position, who, positions[instant, who]):
-                if ego.speed >= STANDSTILL:
+            who = [person for _, person in pairs]
+            if self.world.touches(float(fronts[instant]), who, positions[instant, who]):
+                if speeds[instant] >= STANDSTILL:
                     return instant
                 self._contacts_at_rest += 1
         return None

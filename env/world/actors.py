@@ -83,13 +83,65 @@ class Ego(NamedTuple):
             action: throttle above 0, brake below, in [-1, 1].
             dt: length of the step, in s.
         """
-        car = self.parameters
+        (state,) = self.course(action, dt, 1).tolist()
+        return Ego(self.parameters, *state)
+
+    def course(self, action: float, dt: float, steps: int) -> Array:
+        """Return what follows from the same action for some steps of explicit integration.
+
+        Args:
+            action: throttle above 0, brake below, in [-1, 1].
+            dt: length of a step, in s.
+            steps: S, how many.
+
+        Returns:
+            float (S, 3): position, speed and force after each.
+        """
+        car, (_, *state) = self.parameters, self
         wanted = action * (car.drive if action > 0.0 else car.brake)
-        force = self.force + (wanted - self.force) * min(dt / car.lag, 1.0)
-        acceleration = force - car.drag * self.speed**2 - car.rolling
-        speed = max(self.speed + acceleration * dt, 0.0)
-        position = self.position + 0.5 * (self.speed + speed) * dt
-        return Ego(car, position, speed, force)
+        return _course(*state, wanted, min(dt / car.lag, 1.0), car.drag, car.rolling, dt, 2.0, steps)
+
+
+@kernel
+def _course(
+    position: float,
+    speed: float,
+    force: float,
+    wanted: float,
+    share: float,
+    drag: float,
+    rolling: float,
+    dt: float,
+    exponent: float,
+    steps: int,
+) -> Array:
+    """Integrate the longitudinal model; see `EgoParameters`.
+
+    Args:
+        position: at first, in m.
+        speed: at first, in m/s.
+        force: at first, in m/s².
+        wanted: what the force comes nearer to, in m/s².
+        share: by which it does in a step.
+        drag: coefficient of air drag, in 1/m.
+        rolling: deceleration by the wheels, in m/s².
+        dt: length of a step, in s.
+        exponent: of the speed in the drag, 2; given at run time, so that it is the C library's
+            power, to the last bit that of Python, and not a product.
+        steps: S, how many.
+
+    Returns:
+        float (S, 3): position, speed and force after each.
+    """
+    states = np.empty((steps, 3))
+    for step in range(steps):
+        force = force + (wanted - force) * share
+        acceleration = force - drag * math.pow(speed, exponent) - rolling
+        faster = max(speed + acceleration * dt, 0.0)
+        position = position + 0.5 * (speed + faster) * dt
+        speed = faster
+        states[step, 0], states[step, 1], states[step, 2] = position, speed, force
+    return states
 
 
 @dataclass(frozen=True)
