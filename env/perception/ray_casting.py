@@ -93,6 +93,24 @@ class Reading(NamedTuple):
     lane_half_width: float
 
 
+class Eye(NamedTuple):
+    """All that stays while a street is driven.
+
+    Attributes:
+        camera: the dash camera.
+        ground: what stands before it.
+        reading: how its picture would be read.
+        columns: float (W,), of the rays, in px.
+        rays: float (W,), how far right of the lens each ray is after 1 m, in m.
+    """
+
+    camera: Camera
+    ground: Ground
+    reading: Reading
+    columns: Array
+    rays: Array
+
+
 class Parked(NamedTuple):
     """The vehicles that are parked.
 
@@ -154,6 +172,21 @@ class _Strips(NamedTuple):
     looks: Integers
 
 
+class _Shown(NamedTuple):
+    """What is visible of the vehicles of which enough is.
+
+    Attributes:
+        boxes: int64 (V, 6): class, top, left, bottom, right, and the place among all K that are
+            parked.
+        tops: int64 (K, W), the first visible row in each column, in px.
+        bottoms: int64 (K, W), the row after the last one; nothing shows where it isn't greater.
+    """
+
+    boxes: Integers
+    tops: Integers
+    bottoms: Integers
+
+
 class Sight(NamedTuple):
     """Everything that some ray meets: P persons, the nearest first, V vehicles, the crosswalk.
 
@@ -172,69 +205,48 @@ class Sight(NamedTuple):
 
 
 @kernel
-def cast(
-    lens: float,
-    camera: Camera,
-    ground: Ground,
-    reading: Reading,
-    columns: Array,
-    rays: Array,
-    posts: Array,
-    parked: Parked,
-    people: Bodies,
-) -> Sight:
+def cast(lens: float, eye: Eye, posts: Array, parked: Parked, people: Bodies) -> Sight:
     """Return what the dash camera could see.
 
     Args:
         lens: its x, in m.
-        camera: the rest of it.
-        ground: what it stands on.
-        reading: how a picture would be read.
-        columns: float (W,), of the rays, in px.
-        rays: float (W,), how far right of the lens each ray is after 1 m, in m.
+        eye: the rest of it.
         posts: float (M, 3), x, y and radius of what else stands upright, in m.
         parked: the parked vehicles.
         people: who walks there.
     """
-    strips = _strips(lens, camera, ground, posts, people)
-    hulls = _hulls(lens, camera, ground, rays, parked)
-    persons = _persons(strips, hulls, camera.size, reading.minimum_area)
-    shown = _unhidden(hulls, strips)
-    vehicles = _vehicles(hulls.tops, shown, parked.kinds, reading.minimum_area)
-    crosswalk = _crosswalk(lens, camera, ground)
+    minimum_area = eye.reading.minimum_area
+    strips = _strips(lens, eye, posts, people)
+    hulls = _hulls(lens, eye, parked)
+    persons = _persons(strips, hulls, minimum_area)
+    bottoms = _unhidden(hulls, strips)
+    boxes = _vehicles(hulls.tops, bottoms, parked.kinds, minimum_area)
+    shown = _Shown(boxes, hulls.tops, bottoms)
+    crosswalk = _crosswalk(lens, eye)
     area = (crosswalk[3] - crosswalk[1]) * (crosswalk[4] - crosswalk[2])
-    zebras = 1 if area >= reading.minimum_area else 0
+    crosswalks = 1 if area >= minimum_area else 0
 
-    things = np.zeros((len(persons) + len(vehicles) + zebras, 6), np.int64)
-    beside = np.zeros((len(persons), len(vehicles)), np.int64)
-    before = np.zeros((len(persons) + 1, len(vehicles)), np.int64)
+    things = np.zeros((len(persons) + len(boxes) + crosswalks, 6), np.int64)
     for person in range(len(persons)):
-        top, left, bottom, right = persons[person, :4]
         things[person, 0] = _PEDESTRIAN
-        things[person, 1:5] = persons[person, :4]
-        things[person, 5] = _ground_below(
-            lens, camera, ground, rays, reading.window, persons[person], hulls.tops, shown, vehicles
-        )
-    for vehicle in range(len(vehicles)):
-        own, box = vehicles[vehicle, 5], vehicles[vehicle]
-        tops, bottoms = hulls.tops[own], shown[own]
-        place = len(persons) + vehicle
-        things[place, :5] = box[:5]
-        things[place, 5] = _columns_in_lane(camera, reading, columns, box, tops, bottoms)
-        for person in range(len(persons)):
-            top, left, bottom, right, _, _, first, last = persons[person]
-            beside[person, vehicle] = _pixels(
-                tops, bottoms, max(left - reading.window, 0), left, top, bottom
-            ) + _pixels(tops, bottoms, right, right + reading.window, top, bottom)
-            if box[3] > bottom:
-                before[person, vehicle] = _pixels(tops, bottoms, first, last, top, bottom + 1)
-        if zebras and 2 * box[3] > crosswalk[1] + crosswalk[3]:
-            before[-1, vehicle] = _before_crosswalk(
-                camera, reading, columns, crosswalk, box, tops, bottoms
-            )
-    if zebras:
-        things[-1] = crosswalk
-    return Sight(things, beside, before)
+        _copy(persons[person, :4], things[person, 1:5])
+        things[person, 5] = _ground_below(lens, eye, persons[person], shown)
+    for vehicle in range(len(boxes)):
+        _copy(boxes[vehicle], things[len(persons) + vehicle])
+        things[len(persons) + vehicle, 5] = _columns_in_lane(eye, shown, vehicle)
+    before = np.zeros((len(persons) + 1, len(boxes)), np.int64)
+    _count_before_persons(before, persons, shown)
+    if crosswalks:
+        _copy(crosswalk, things[-1])
+        _count_before_crosswalk(before[-1], eye, crosswalk, shown)
+    return Sight(things, _beside(eye.reading.window, persons, shown), before)
+
+
+@part
+def _copy(numbers: Integers, into: Integers) -> None:
+    """Copy numbers; an assignment of slices takes numba seconds to compile."""
+    for place in range(len(numbers)):
+        into[place] = numbers[place]
 
 
 # What the rays meet
@@ -255,43 +267,36 @@ def _column(camera: Camera, right: float, depth: float) -> int:
 
 
 @part
-def _strips(
-    lens: float, camera: Camera, ground: Ground, posts: Array, people: Bodies
-) -> _Strips:
+def _strips(lens: float, eye: Eye, posts: Array, people: Bodies) -> _Strips:
     """Return the people and posts in view; posts are people without arms and legs."""
-    most = len(people.positions) + len(posts)
-    depths, looks, order = np.empty(most), np.empty((most, 7), np.int64), np.empty(most, np.int64)
-    count = 0
+    persons, camera = len(people.positions), eye.camera
+    most = persons + len(posts)
+    strips = _Strips(np.empty(most), np.empty((most, 7), np.int64))
+    order, count = np.empty(most, np.int64), 0
     for number in range(most):
-        person = number < len(people.positions)
-        own = number if person else number - len(people.positions)
-        x, y = people.positions[own] if person else posts[own, :2]
-        depth, right = x - lens, ground.ego_lane - y
+        place = people.positions[number] if number < persons else posts[number - persons]
+        depth, right = place[0] - lens, eye.ground.ego_lane - place[1]
         # Nobody's body is broader than with the arms, and no post is.
-        if not (depth > camera.near and (abs(right) - _ARMS) * camera.steepness < depth):
-            continue
-        depths[count] = depth
-        if person:
-            _look_of_person(looks[count], depth, right, y, own, camera, ground, people)
-        else:
-            _look_of_post(looks[count], depth, right, posts[own, 2], camera)
-        _sort_in(order, count, depths, looks)
-        count += 1
-    return _Strips(depths[order[:count]], looks[order[:count]])
+        if depth > camera.near and (abs(right) - _ARMS) * camera.steepness < depth:
+            strips.depths[count] = depth
+            if number < persons:
+                _look_of_person(strips.looks[count], lens, eye, people, number)
+            else:
+                _look_of_post(strips.looks[count], lens, eye, place)
+            _sort_in(order, count, strips)
+            count += 1
+    sorted_strips = _Strips(np.empty(count), np.empty((count, 7), np.int64))
+    for place in range(count):
+        sorted_strips.depths[place] = strips.depths[order[place]]
+        _copy(strips.looks[order[place]], sorted_strips.looks[place])
+    return sorted_strips
 
 
 @part
-def _look_of_person(
-    look: Integers,
-    depth: float,
-    right: float,
-    y: float,
-    person: int,
-    camera: Camera,
-    ground: Ground,
-    people: Bodies,
-) -> None:
+def _look_of_person(look: Integers, lens: float, eye: Eye, people: Bodies, person: int) -> None:
     """Write how a person looks from the lens, as heading and stride make it; see `_Strips`."""
+    camera, ground, y = eye.camera, eye.ground, people.positions[person, 1]
+    depth, right = people.positions[person, 0] - lens, ground.ego_lane - y
     across, along = math.sin(people.headings[person]), abs(math.cos(people.headings[person]))
     sideways = abs(across)
     swing = _LEG * abs(people.swings[person])
@@ -309,10 +314,10 @@ def _look_of_person(
 
 
 @part
-def _look_of_post(
-    look: Integers, depth: float, right: float, radius: float, camera: Camera
-) -> None:
+def _look_of_post(look: Integers, lens: float, eye: Eye, post: Array) -> None:
     """Write how a post looks from the lens; see `_Strips`."""
+    camera, radius = eye.camera, post[2]
+    depth, right = post[0] - lens, eye.ground.ego_lane - post[1]
     look[0] = 0
     look[1] = look[3] = _column(camera, right - radius, depth)
     look[2] = look[4] = _column(camera, right + radius, depth)
@@ -320,31 +325,32 @@ def _look_of_post(
 
 
 @part
-def _sort_in(order: Integers, count: int, depths: Array, looks: Integers) -> None:
+def _sort_in(order: Integers, count: int, strips: _Strips) -> None:
     """Let one more strip take its place among those before it, sorted by depth, then by look."""
     place = count
-    while place > 0 and _is_before(count, order[place - 1], depths, looks):
+    while place > 0 and _is_before(count, order[place - 1], strips):
         order[place] = order[place - 1]
         place -= 1
     order[place] = count
 
 
 @part
-def _is_before(one: int, other: int, depths: Array, looks: Integers) -> bool:
-    if depths[one] != depths[other]:
-        return depths[one] < depths[other]
-    for field in range(looks.shape[1]):
-        if looks[one, field] != looks[other, field]:
-            return looks[one, field] < looks[other, field]
+def _is_before(one: int, other: int, strips: _Strips) -> bool:
+    if strips.depths[one] != strips.depths[other]:
+        return strips.depths[one] < strips.depths[other]
+    for field in range(strips.looks.shape[1]):
+        if strips.looks[one, field] != strips.looks[other, field]:
+            return strips.looks[one, field] < strips.looks[other, field]
     return False
 
 
 @part
-def _hulls(lens: float, camera: Camera, ground: Ground, rays: Array, parked: Parked) -> _Hulls:
+def _hulls(lens: float, eye: Eye, parked: Parked) -> _Hulls:
     """Meet the boxes of the vehicles that end before the lens.
 
     Source: T. L. Kay and J. T. Kajiya, "Ray Tracing Complex Scenes", SIGGRAPH 1986.
     """
+    camera, rays = eye.camera, eye.rays
     shape = len(parked.hulls), len(rays)
     depths, tops = np.full(shape, np.inf), np.full(shape, camera.size, np.int64)
     bottoms = np.zeros(shape, np.int64)
@@ -352,9 +358,10 @@ def _hulls(lens: float, camera: Camera, ground: Ground, rays: Array, parked: Par
         vehicle = parked.owners[block]
         if parked.hulls[vehicle, 2] <= lens:
             continue
-        start, end, half, height = parked.blocks[block]
-        centre = ground.ego_lane - parked.hulls[vehicle, 0]
-        start, end = max(start - lens, camera.near), end - lens
+        start = max(parked.blocks[block, 0] - lens, camera.near)
+        end, half = parked.blocks[block, 1] - lens, parked.blocks[block, 2]
+        height = parked.blocks[block, 3]
+        centre = eye.ground.ego_lane - parked.hulls[vehicle, 0]
         for ray in range(len(rays)):
             left, right = (centre - half) / rays[ray], (centre + half) / rays[ray]
             enter, leave = max(min(left, right), start), min(max(left, right), end)
@@ -377,7 +384,7 @@ def _hulls(lens: float, camera: Camera, ground: Ground, rays: Array, parked: Par
 
 
 @part
-def _persons(strips: _Strips, hulls: _Hulls, size: int, minimum_area: int) -> Integers:
+def _persons(strips: _Strips, hulls: _Hulls, minimum_area: int) -> Integers:
     """Return those of whom enough is visible; nearer people and posts hide whole columns.
 
     People whose pixels touch are one: the picture does not tell them apart.
@@ -387,74 +394,75 @@ def _persons(strips: _Strips, hulls: _Hulls, size: int, minimum_area: int) -> In
         right; the first column that their bodies fill, hidden or not, and the one after the last;
         likewise of what their arms and legs reach.
     """
-    clusters = np.empty((len(strips.depths), 8), np.int64)
-    hidden, heights = np.zeros(size, np.bool_), np.zeros(size, np.int64)
-    count = 0
+    clusters, count = np.empty((len(strips.depths), 8), np.int64), 0
+    hidden = np.zeros(hulls.depths.shape[1], np.bool_)
     for strip in range(len(strips.depths)):
-        look = strips.looks[strip]
-        if look[0] and _see(
-            clusters[count], heights, strips.depths[strip], look, hidden, hulls, minimum_area
-        ):
-            count += 0 if _merge(clusters, count) else 1
-        hidden[look[1] : look[2]] = True
+        depth, look = strips.depths[strip], strips.looks[strip]
+        # Many are too far away, which shows before their pixels are counted.
+        if look[0] and (look[6] - look[5]) * (look[4] - look[3]) >= minimum_area:
+            heights = _visible_heights(depth, look, hidden, hulls)
+            if _see(clusters[count], look, heights, minimum_area):
+                count += 0 if _merge(clusters, count) else 1
+        for column in range(look[1], look[2]):
+            hidden[column] = True
     return clusters[:count]
 
 
 @part
-def _see(
-    cluster: Integers,
-    heights: Integers,
-    depth: float,
-    look: Integers,
-    hidden: npt.NDArray[np.bool_],
-    hulls: _Hulls,
-    minimum_area: int,
-) -> bool:
-    """Write what is visible of one person, and tell whether it is enough.
+def _visible_heights(
+    depth: float, look: Integers, hidden: npt.NDArray[np.bool_], hulls: _Hulls
+) -> Integers:
+    """Return how many rows of a strip show in each column of its reach.
 
-    `heights` (W,) gets the number of its rows that show in each column of its reach.
+    A vehicle before it hides its feet.
     """
-    _, first, last, left, rest, top, bottom = look
-    # Many are too far away, which shows before their pixels are counted.
-    if (bottom - top) * (rest - left) < minimum_area:
-        return False
-    pixels = body = lowest = lowest_body = 0
-    for column in range(left, rest):
-        heights[column] = _visible_height(column, depth, top, bottom, hidden, hulls)
-        pixels += heights[column]
-        lowest = max(lowest, heights[column])
-        if first <= column < last:
-            body += heights[column]
-            lowest_body = max(lowest_body, heights[column])
-    if _area(pixels, body) < minimum_area:
-        return False
-    shown = shown_body = 0
-    begin, end = rest, left
-    for column in range(left, rest):
-        if heights[column] > 0:
-            begin, end = min(begin, column), column + 1
-        if heights[column] == lowest:
-            shown += lowest
-            shown_body += lowest if first <= column < last else 0
-    # An arm or two beside a body whose feet are hidden don't show where it stands.
-    if body > 0 and _area(shown, shown_body) < minimum_area:
-        lowest = lowest_body
-    cluster[0], cluster[1], cluster[2], cluster[3] = top, begin, top + lowest, end
-    cluster[4], cluster[5], cluster[6], cluster[7] = first, last, left, rest
-    return True
+    heights = np.zeros(look[4] - look[3], np.int64)
+    for place in range(len(heights)):
+        column, bottom = look[3] + place, look[6]
+        if not hidden[column]:
+            for vehicle in range(len(hulls.depths)):
+                if hulls.depths[vehicle, column] < depth:
+                    bottom = min(bottom, hulls.tops[vehicle, column])
+            heights[place] = max(bottom - look[5], 0)
+    return heights
 
 
 @part
-def _visible_height(
-    column: int, depth: float, top: int, bottom: int, hidden: npt.NDArray[np.bool_], hulls: _Hulls
-) -> int:
-    """Return how many rows of a strip show in a column: a vehicle before it hides its feet."""
-    if hidden[column]:
-        return 0
-    for vehicle in range(len(hulls.depths)):
-        if hulls.depths[vehicle, column] < depth:
-            bottom = min(bottom, hulls.tops[vehicle, column])
-    return max(bottom - top, 0)
+def _see(cluster: Integers, look: Integers, heights: Integers, minimum_area: int) -> bool:
+    """Write what is visible of one person, and tell whether it is enough.
+
+    Args:
+        cluster: int64 (8,), as of `_persons`; is written.
+        look: int64 (7,), as of `_Strips`.
+        heights: int64, rows that show in each column of its reach.
+        minimum_area: what is enough, in px.
+    """
+    left, count = look[3], len(heights)
+    first, last = max(look[1] - left, 0), min(look[2] - left, count)
+    pixels = body = lowest = lowest_body = 0
+    for place in range(count):
+        pixels += heights[place]
+        lowest = max(lowest, heights[place])
+        if first <= place < last:
+            body += heights[place]
+            lowest_body = max(lowest_body, heights[place])
+    if _area(pixels, body) < minimum_area:
+        return False
+    shown = shown_body = 0
+    begin, end = count, 0
+    for place in range(count):
+        if heights[place] > 0:
+            begin, end = min(begin, place), place + 1
+        if heights[place] == lowest:
+            shown += lowest
+            shown_body += lowest if first <= place < last else 0
+    # An arm or two beside a body whose feet are hidden don't show where it stands.
+    if body > 0 and _area(shown, shown_body) < minimum_area:
+        lowest = lowest_body
+    cluster[0], cluster[1] = look[5], left + begin
+    cluster[2], cluster[3] = look[5] + lowest, left + end
+    _copy(look[1:5], cluster[4:])
+    return True
 
 
 @part
@@ -519,12 +527,12 @@ def _vehicles(tops: Integers, bottoms: Integers, kinds: Integers, minimum_area: 
 
 
 @part
-def _crosswalk(lens: float, camera: Camera, ground: Ground) -> Integers:
+def _crosswalk(lens: float, eye: Eye) -> Integers:
     """Return the crosswalk as of `Sight.things`, of no area behind the lens.
 
     Somewhere across the road each row shows it.
     """
-    found = np.zeros(6, np.int64)
+    camera, ground, found = eye.camera, eye.ground, np.zeros(6, np.int64)
     if ground.after - lens > camera.near:
         found[0] = _CROSSWALK
         found[1] = _row(camera, 0.0, ground.after - lens)
@@ -540,30 +548,21 @@ def _crosswalk(lens: float, camera: Camera, ground: Ground) -> Integers:
 
 
 @part
-def _ground_below(
-    lens: float,
-    camera: Camera,
-    ground: Ground,
-    rays: Array,
-    window: int,
-    person: Integers,
-    tops: Integers,
-    bottoms: Integers,
-    vehicles: Integers,
-) -> int:
+def _ground_below(lens: float, eye: Eye, person: Integers, shown: _Shown) -> int:
     """Return the ground that shows first below the middle of a person's visible part.
 
     `vsr.facts.ground_of` lets each row count twice as much as the next, so the first decides.
     """
+    camera, ground = eye.camera, eye.ground
     # Where the picture ends at the feet, the ground below is what it shows last.
     first = min(person[2], camera.size - 1)
     column = (person[1] + person[3]) // 2
-    for row in range(first, min(first + window, camera.size)):
+    for row in range(first, min(first + eye.reading.window, camera.size)):
         below = row + 1 - camera.horizon
-        if below <= 0.0 or _is_covered(row, column, tops, bottoms, vehicles):
+        if below <= 0.0 or _is_covered(row, column, shown):
             continue
         depth = camera.focal * camera.height / below
-        y = ground.ego_lane - rays[column] * depth
+        y = ground.ego_lane - eye.rays[column] * depth
         if not ground.near_kerb <= y <= ground.far_kerb:
             return _SIDEWALK
         return _CROSSWALK if ground.before <= lens + depth < ground.after else _ROAD
@@ -571,60 +570,83 @@ def _ground_below(
 
 
 @part
-def _is_covered(
-    row: int, column: int, tops: Integers, bottoms: Integers, vehicles: Integers
-) -> bool:
+def _is_covered(row: int, column: int, shown: _Shown) -> bool:
     """Tell whether a pixel is some vehicle's."""
-    for vehicle in range(len(vehicles)):
-        own = vehicles[vehicle, 5]
-        if tops[own, column] <= row < bottoms[own, column]:
+    for vehicle in range(len(shown.boxes)):
+        own = shown.boxes[vehicle, 5]
+        if shown.tops[own, column] <= row < shown.bottoms[own, column]:
             return True
     return False
 
 
 @part
-def _pixels(
-    tops: Integers, bottoms: Integers, left: int, right: int, top: int, bottom: int
-) -> int:
-    """Return how many pixels of a vehicle lie in a rectangle, which may reach beyond the right."""
-    pixels = 0
-    for ray in range(left, min(right, len(tops))):
-        pixels += max(min(bottoms[ray], bottom) - max(tops[ray], top), 0)
+def _beside(window: int, persons: Integers, shown: _Shown) -> Integers:
+    """Return how many pixels of each vehicle lie in the windows beside each person, (P, V)."""
+    pixels = np.zeros((len(persons), len(shown.boxes)), np.int64)
+    for person in range(len(persons)):
+        rows = persons[person, 0], persons[person, 2]
+        left, right = persons[person, 1], persons[person, 3]
+        for vehicle in range(len(shown.boxes)):
+            before = _pixels(shown, vehicle, (max(left - window, 0), left), rows)
+            after = _pixels(shown, vehicle, (right, right + window), rows)
+            pixels[person, vehicle] = before + after
     return pixels
 
 
 @part
-def _columns_in_lane(
-    camera: Camera, reading: Reading, columns: Array, box: Integers, tops: Integers, bottoms: Integers
-) -> int:
+def _count_before_persons(pixels: Integers, persons: Integers, shown: _Shown) -> None:
+    """Write how many pixels of each vehicle that is closer lie before or touch each person."""
+    for person in range(len(persons)):
+        columns, bottom = (persons[person, 6], persons[person, 7]), persons[person, 2]
+        for vehicle in range(len(shown.boxes)):
+            if shown.boxes[vehicle, 3] > bottom:
+                rows = persons[person, 0], bottom + 1
+                pixels[person, vehicle] = _pixels(shown, vehicle, columns, rows)
+
+
+@part
+def _pixels(shown: _Shown, vehicle: int, columns: tuple[int, int], rows: tuple[int, int]) -> int:
+    """Return how many pixels of a vehicle lie in a rectangle, which may reach beyond the right."""
+    own, pixels = shown.boxes[vehicle, 5], 0
+    for column in range(columns[0], min(columns[1], shown.tops.shape[1])):
+        first, last = (
+            max(shown.tops[own, column], rows[0]),
+            min(shown.bottoms[own, column], rows[1]),
+        )
+        pixels += max(last - first, 0)
+    return pixels
+
+
+@part
+def _columns_in_lane(eye: Eye, shown: _Shown, vehicle: int) -> int:
     """Return in how many columns a vehicle meets the road within ego's lane."""
-    count = 0
-    for ray in range(box[2], box[4]):
-        scale = (bottoms[ray] - camera.horizon) / camera.height
-        if bottoms[ray] > tops[ray] and scale > 0.0:
-            lateral = (columns[ray] - camera.middle) / scale
-            count += 1 if abs(lateral) < reading.lane_half_width else 0
+    camera, own, count = eye.camera, shown.boxes[vehicle, 5], 0
+    for column in range(shown.boxes[vehicle, 2], shown.boxes[vehicle, 4]):
+        bottom = shown.bottoms[own, column]
+        scale = (bottom - camera.horizon) / camera.height
+        if bottom > shown.tops[own, column] and scale > 0.0:
+            lateral = (eye.columns[column] - camera.middle) / scale
+            count += 1 if abs(lateral) < eye.reading.lane_half_width else 0
     return count
 
 
 @part
-def _before_crosswalk(
-    camera: Camera,
-    reading: Reading,
-    columns: Array,
-    crosswalk: Integers,
-    box: Integers,
-    tops: Integers,
-    bottoms: Integers,
-) -> int:
-    """Return how many pixels of a vehicle lie before the crosswalk, taken from kerb to kerb."""
-    pixels = 0
-    for top in range(crosswalk[1], crosswalk[3]):
-        row = top + 0.5
-        scale = max(row - camera.horizon, 0.0) / camera.height
-        left = camera.middle + reading.road_left * scale
-        right = camera.middle + reading.road_right * scale
-        for ray in range(box[2], box[4]):
-            if left < columns[ray] < right and tops[ray] < row < bottoms[ray]:
-                pixels += 1
-    return pixels
+def _count_before_crosswalk(pixels: Integers, eye: Eye, crosswalk: Integers, shown: _Shown) -> None:
+    """Write how many pixels of each vehicle that is closer lie before the crosswalk.
+
+    It is taken to reach from kerb to kerb.
+    """
+    camera = eye.camera
+    for vehicle in range(len(shown.boxes)):
+        box = shown.boxes[vehicle]
+        if 2 * box[3] <= crosswalk[1] + crosswalk[3]:
+            continue
+        for top in range(crosswalk[1], crosswalk[3]):
+            row = top + 0.5
+            scale = max(row - camera.horizon, 0.0) / camera.height
+            left = camera.middle + eye.reading.road_left * scale
+            right = camera.middle + eye.reading.road_right * scale
+            for column in range(box[2], box[4]):
+                inside = left < eye.columns[column] < right
+                if inside and shown.tops[box[5], column] < row < shown.bottoms[box[5], column]:
+                    pixels[vehicle] += 1

@@ -12,6 +12,7 @@ from env.perception.ray_casting import (
     UNSEEN,
     Bodies,
     Camera,
+    Eye,
     Ground,
     Integers,
     Parked,
@@ -91,28 +92,29 @@ class RayCaster:
         self.pinhole = pinhole = Pinhole.of(grounding.camera, (lens.size, lens.size))
         # The renderer samples a pixel at its lower left corner. A trifle more, or one ray would run
         # along the street and never enter a box from the side.
-        self._columns = np.arange(lens.size) + 1e-6
-        self._rays = (self._columns - pinhole.middle) / pinhole.focal
-        self._camera = Camera(
+        columns = np.arange(lens.size) + 1e-6
+        rays = (columns - pinhole.middle) / pinhole.focal
+        camera = Camera(
             lens.size,
             lens.near,
             pinhole.focal,
             pinhole.height,
             pinhole.horizon,
             pinhole.middle,
-            steepness=1.0 / -float(self._rays[0]),
-        )
-        self._reading = Reading(
-            grounding.minimum_area, grounding.window, *grounding.road, grounding.lane_half_width
+            steepness=1.0 / -float(rays[0]),
         )
         street = world.geometry
-        self._ground = Ground(
+        ground = Ground(
             street.ego_lane,
             street.near_kerb,
             street.far_kerb,
             street.kerb_height,
             *street.crosswalk,
         )
+        reading = Reading(
+            grounding.minimum_area, grounding.window, *grounding.road, grounding.lane_half_width
+        )
+        self._eye = Eye(camera, ground, reading, columns, rays)
         # Every entity fills its box, so that all masks are parts of this one.
         self._filled = np.ones((lens.size, lens.size), np.bool_)
         self._filled.flags.writeable = False
@@ -128,11 +130,7 @@ class RayCaster:
         swings = leg_swings(people.phases, people.speeds)
         sight = cast(
             front - self._setback,
-            self._camera,
-            self._ground,
-            self._reading,
-            self._columns,
-            self._rays,
+            self._eye,
             world.posts,
             _parked(tuple(world.parked)),
             Bodies(people.positions, people.headings, swings, world.heights),
@@ -164,7 +162,7 @@ class RayEvidence:
         standing: each person's ground; None where none is seen.
     """
 
-    def __init__(self, sight: Sight, entities: Sequence[Entity]) -> None:
+    def __init__(self, sight: Sight, entities: tuple[Entity, ...]) -> None:
         people, count = sight.beside.shape
         self.entities = entities
         persons, vehicles = entities[:people], entities[people : people + count]

@@ -97,47 +97,50 @@ class Ego(NamedTuple):
         Returns:
             float (S, 3): position, speed and force after each.
         """
-        car, (_, *state) = self.parameters, self
+        car = self.parameters
         wanted = action * (car.drive if action > 0.0 else car.brake)
-        return _course(*state, wanted, min(dt / car.lag, 1.0), car.drag, car.rolling, dt, 2.0, steps)
+        forces = _Forces(wanted, min(dt / car.lag, 1.0), car.drag, 2.0, car.rolling)
+        return _course((self.position, self.speed, self.force), forces, dt, steps)
+
+
+class _Forces(NamedTuple):
+    """What moves ego during a step, as of `EgoParameters`.
+
+    Attributes:
+        wanted: what the force comes nearer to, in m/s².
+        share: of the way there, in a step.
+        drag: coefficient of air drag, in 1/m.
+        exponent: of the speed in the drag, 2. A constant would be compiled to a product, whose last
+            bit may differ from that of Python's power.
+        rolling: deceleration by the wheels, in m/s².
+    """
+
+    wanted: float
+    share: float
+    drag: float
+    exponent: float
+    rolling: float
 
 
 @kernel
-def _course(
-    position: float,
-    speed: float,
-    force: float,
-    wanted: float,
-    share: float,
-    drag: float,
-    rolling: float,
-    dt: float,
-    exponent: float,
-    steps: int,
-) -> Array:
-    """Integrate the longitudinal model; see `EgoParameters`.
+def _course(state: tuple[float, float, float], forces: _Forces, dt: float, steps: int) -> Array:
+    """Integrate the longitudinal model; see `Ego.course`.
 
     Args:
-        position: at first, in m.
-        speed: at first, in m/s.
-        force: at first, in m/s².
-        wanted: what the force comes nearer to, in m/s².
-        share: by which it does in a step.
-        drag: coefficient of air drag, in 1/m.
-        rolling: deceleration by the wheels, in m/s².
+        state: position, speed and force at first.
+        forces: of all steps.
         dt: length of a step, in s.
-        exponent: of the speed in the drag, 2; given at run time, so that it is the C library's
-            power, to the last bit that of Python, and not a product.
         steps: S, how many.
 
     Returns:
         float (S, 3): position, speed and force after each.
     """
+    position, speed, force = state
     states = np.empty((steps, 3))
     for step in range(steps):
-        force = force + (wanted - force) * share
-        acceleration = force - drag * math.pow(speed, exponent) - rolling
-        faster = max(speed + acceleration * dt, 0.0)
+        force = force + (forces.wanted - force) * forces.share
+        drag = forces.drag * math.pow(speed, forces.exponent)
+        faster = max(speed + (force - drag - forces.rolling) * dt, 0.0)
         position = position + 0.5 * (speed + faster) * dt
         speed = faster
         states[step, 0], states[step, 1], states[step, 2] = position, speed, force
@@ -322,10 +325,10 @@ def _alongside(
         first, last = fronts[instant] - length - reach, fronts[instant] + reach
         for person in range(people):
             offset = positions[instant, person, 1] - corridor.centre
-            if abs(offset) < corridor.width / 2 + reach:
-                if first < positions[instant, person, 0] < last:
-                    found[count, 0], found[count, 1] = instant, person
-                    count += 1
+            beside = abs(offset) < corridor.width / 2 + reach
+            if beside and first < positions[instant, person, 0] < last:
+                found[count, 0], found[count, 1] = instant, person
+                count += 1
     return found[:count]
 
 
@@ -378,28 +381,28 @@ class Walkers:
             dt: in s.
         """
         courses = np.arctan2(self.velocities[:, 1], self.velocities[:, 0])
+        poses = self.positions, self.headings, self.phases
         self.positions, self.headings, self.phases = _walk(
-            self.positions, self.velocities, courses, self.headings, self.phases, float(dt)
+            poses, self.velocities, courses, float(dt)
         )
 
 
 @kernel
 def _walk(
-    positions: Array, velocities: Array, courses: Array, headings: Array, phases: Array, dt: float
+    poses: tuple[Array, Array, Array], velocities: Array, courses: Array, dt: float
 ) -> tuple[Array, Array, Array]:
     """Return where everyone is, faces and strides after some time.
 
     Args:
-        positions: float (N, 2), in m.
+        poses: positions, float (N, 2), in m; headings and phases, float (N,), in rad.
         velocities: float (N, 2), in m/s.
         courses: float (N,), their directions, in rad; people turn to them.
-        headings: float (N,), in rad.
-        phases: float (N,), in rad.
         dt: in s.
 
     Returns:
-        Positions, headings and phases.
+        The poses then.
     """
+    positions, headings, phases = poses
     walked, faced, strode = np.empty_like(positions), headings.copy(), np.empty_like(phases)
     for person in range(len(positions)):
         speed = math.hypot(velocities[person, 0], velocities[person, 1])
@@ -471,6 +474,7 @@ class _Threat(NamedTuple):
         beside_lane: how far who stands beside its lane.
         before_target: how far the target does.
         eagerness: how much farther away it may be when the target steps out.
+        dt: time until people choose again, in s.
     """
 
     front: float
@@ -480,6 +484,7 @@ class _Threat(NamedTuple):
     beside_lane: float
     before_target: float
     eagerness: float
+    dt: float
 
 
 class Pedestrians(Walkers):
@@ -547,9 +552,10 @@ class Pedestrians(Walkers):
             BESIDE_LANE.stopping_distance(ego.speed),
             self._target_manners.stopping_distance(ego.speed),
             self._eagerness,
+            float(dt),
         )
         self.velocities, self._courses = _choose(
-            self.positions, self._habits, self._courses, self._road, threat, float(dt)
+            self.positions, self._habits, self._courses, self._road, threat
         )
 
     def _schedule_crossings(
@@ -588,7 +594,7 @@ class Pedestrians(Walkers):
 
 @kernel
 def _choose(
-    positions: Array, habits: _Habits, courses: _Courses, road: _Road, threat: _Threat, dt: float
+    positions: Array, habits: _Habits, courses: _Courses, road: _Road, threat: _Threat
 ) -> tuple[Array, _Courses]:
     """Let everyone choose a velocity.
 
@@ -598,7 +604,6 @@ def _choose(
         courses: where they were bound.
         road: what they cross.
         threat: ego.
-        dt: time until they choose again, in s.
 
     Returns:
         Velocities, float (N, 2), in m/s, and where people are bound now.
@@ -611,29 +616,32 @@ def _choose(
         courses.lines.copy(),
     )
     for person in range(len(positions)):
-        x, y = positions[person, 0], positions[person, 1]
-        _turn(bound, habits, road, person, x, y)
+        place = positions[person, 0], positions[person, 1]
+        _turn(bound, habits, road, person, place)
         side, pace = bound.sides[person], habits.paces[person]
         if bound.crossing[person]:
             # Whoever crosses heads for the other side.
-            held = _has_to_wait(person, x, y, side, pace, road, threat, dt)
+            held = _has_to_wait(person, place, (side, pace), road, threat)
             velocities[person, 0] = 0.0
             velocities[person, 1] = 0.0 if held else -side * pace
         else:
             # Whoever walks keeps to a track of their own.
+            aside = _track(habits, person, side) - place[1]
             velocities[person, 0] = bound.directions[person] * pace
-            velocities[person, 1] = min(max(_track(habits, person, side) - y, -0.3), 0.3)
+            velocities[person, 1] = min(max(aside, -0.3), 0.3)
     return velocities, bound
 
 
 @part
 def _turn(
-    bound: _Courses, habits: _Habits, road: _Road, person: int, x: float, y: float
+    bound: _Courses, habits: _Habits, road: _Road, person: int, place: tuple[float, float]
 ) -> None:
     """Turn round at the ends of the street, to the road at the line, and to walk after it."""
+    x, y = place
     direction, side = bound.directions[person], bound.sides[person]
     if (direction > 0.0 and x > road.end) or (direction < 0.0 and x < 2.0):
-        direction = bound.directions[person] = -direction
+        direction = -direction
+        bound.directions[person] = direction
     if bound.crossing[person]:
         if side * (y - _track(habits, person, -side)) <= 0.0:
             bound.crossing[person] = False
@@ -651,18 +659,24 @@ def _track(habits: _Habits, person: int, side: float) -> float:
 @part
 def _has_to_wait(
     person: int,
-    x: float,
-    y: float,
-    side: float,
-    pace: float,
+    place: tuple[float, float],
+    gait: tuple[float, float],
     road: _Road,
     threat: _Threat,
-    dt: float,
 ) -> bool:
-    """Tell whether one who crosses stops at the kerb, beside ego's lane, or before ego itself."""
+    """Tell whether one who crosses stops at the kerb, beside ego's lane, or before ego itself.
+
+    Args:
+        person: who.
+        place: x and y, in m.
+        gait: the side that one comes from, and one's pace in m/s.
+        road: what one crosses.
+        threat: ego.
+    """
+    (x, y), (side, pace) = place, gait
     if x + PERSON_RADIUS + _CLEARANCE < threat.rear:
         return False
-    stride, gap = pace * dt, x - PERSON_RADIUS - threat.front
+    stride, gap = pace * threat.dt, x - PERSON_RADIUS - threat.front
     kerb = road.far_kerb if side > 0.0 else road.near_kerb
     to_kerb = side * (y - kerb) - _KERB_STAND
     to_lane = side * (y - road.lane) - road.passing - _CLEARANCE

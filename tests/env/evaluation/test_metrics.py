@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +10,6 @@ from env.evaluation import metrics
 from env.evaluation.statistics import Mean, Share
 from env.world import kinematics
 from env.world.kinematics import stopping_distance
-
 
 DRIVE, STOP = [5.0] * 5, [0.0] * 12
 
