@@ -204,7 +204,6 @@ class Sight(NamedTuple):
     before: Integers
 
 
-@kernel
 def cast(lens: float, eye: Eye, posts: Array, parked: Parked, people: Bodies) -> Sight:
     """Return what the dash camera could see.
 
@@ -215,6 +214,22 @@ def cast(lens: float, eye: Eye, posts: Array, parked: Parked, people: Bodies) ->
         parked: the parked vehicles.
         people: who walks there.
     """
+    fixed = tuple(eye.camera), tuple(eye.ground), tuple(eye.reading), eye.columns, eye.rays
+    return Sight(*_cast(lens, fixed, posts, tuple(parked), tuple(people)))
+
+
+@kernel
+def _cast(
+    lens: float,
+    fixed: tuple[Any, ...],
+    posts: Array,
+    vehicles: tuple[Any, ...],
+    walkers: tuple[Any, ...],
+) -> tuple[Integers, Integers, Integers]:
+    """Do what `cast` does, with plain tuples."""
+    parked, people = Parked(*vehicles), Bodies(*walkers)
+    camera, ground, reading, columns, rays = fixed
+    eye = Eye(Camera(*camera), Ground(*ground), Reading(*reading), columns, rays)
     minimum_area = eye.reading.minimum_area
     strips = _strips(lens, eye, posts, people)
     hulls = _hulls(lens, eye, parked)
@@ -239,7 +254,7 @@ def cast(lens: float, eye: Eye, posts: Array, parked: Parked, people: Bodies) ->
     if crosswalks:
         _copy(crosswalk, things[-1])
         _count_before_crosswalk(before[-1], eye, crosswalk, shown)
-    return Sight(things, _beside(eye.reading.window, persons, shown), before)
+    return things, _beside(eye.reading.window, persons, shown), before
 
 
 @part

@@ -100,7 +100,7 @@ class Ego(NamedTuple):
         car = self.parameters
         wanted = action * (car.drive if action > 0.0 else car.brake)
         forces = _Forces(wanted, min(dt / car.lag, 1.0), car.drag, 2.0, car.rolling)
-        return _course((self.position, self.speed, self.force), forces, dt, steps)
+        return _course((self.position, self.speed, self.force), tuple(forces), dt, steps)
 
 
 class _Forces(NamedTuple):
@@ -123,19 +123,19 @@ class _Forces(NamedTuple):
 
 
 @kernel
-def _course(state: tuple[float, float, float], forces: _Forces, dt: float, steps: int) -> Array:
+def _course(state: tuple[float, ...], pull: tuple[float, ...], dt: float, steps: int) -> Array:
     """Integrate the longitudinal model; see `Ego.course`.
 
     Args:
         state: position, speed and force at first.
-        forces: of all steps.
+        pull: `_Forces` of all steps.
         dt: length of a step, in s.
         steps: S, how many.
 
     Returns:
         float (S, 3): position, speed and force after each.
     """
-    position, speed, force = state
+    forces, (position, speed, force) = _Forces(*pull), state
     states = np.empty((steps, 3))
     for step in range(steps):
         force = force + (forces.wanted - force) * forces.share
@@ -238,7 +238,7 @@ class Corridor(NamedTuple):
             float (S,), in m, always positive; infinite where all people are behind the bumper, or
             neither stand in the corridor nor enter it in time on their present course.
         """
-        return _distances(self, fronts, positions, velocities)
+        return _distances(tuple(self), fronts, positions, velocities)
 
     def times_to_collision(
         self, fronts: Array, speeds: Array, positions: Array, velocities: Array
@@ -259,7 +259,7 @@ class Corridor(NamedTuple):
 
         Source: paper, section "Model Evaluation".
         """
-        return _times_to_collision(self, fronts, speeds, positions, velocities)
+        return _times_to_collision(tuple(self), fronts, speeds, positions, velocities)
 
     def alongside(
         self, fronts: Array, positions: Array, length: float, reach: float
@@ -275,12 +275,15 @@ class Corridor(NamedTuple):
         Returns:
             int64 (K, 2), instants and people, in this order.
         """
-        return _alongside(self, fronts, positions, length, reach)
+        return _alongside(tuple(self), fronts, positions, length, reach)
 
 
 @kernel
-def _distances(corridor: Corridor, fronts: Array, positions: Array, velocities: Array) -> Array:
+def _distances(
+    strip: tuple[float, ...], fronts: Array, positions: Array, velocities: Array
+) -> Array:
     """Return the distance to the nearest in the way at each instant; see `Corridor.distances`."""
+    corridor = Corridor(*strip)
     half, nearest = corridor.width / 2, np.full(len(fronts), np.inf)
     for instant in range(len(fronts)):
         for person in range(len(velocities)):
@@ -298,9 +301,10 @@ def _distances(corridor: Corridor, fronts: Array, positions: Array, velocities: 
 
 @kernel
 def _times_to_collision(
-    corridor: Corridor, fronts: Array, speeds: Array, positions: Array, velocities: Array
+    strip: tuple[float, ...], fronts: Array, speeds: Array, positions: Array, velocities: Array
 ) -> Array:
     """Return the least time at each instant; see `Corridor.times_to_collision`."""
+    corridor = Corridor(*strip)
     reach, least = corridor.width / 2 + PERSON_RADIUS, np.full(len(fronts), np.inf)
     for instant in range(len(fronts)):
         for person in range(len(velocities)):
@@ -316,9 +320,10 @@ def _times_to_collision(
 
 @kernel
 def _alongside(
-    corridor: Corridor, fronts: Array, positions: Array, length: float, reach: float
+    strip: tuple[float, ...], fronts: Array, positions: Array, length: float, reach: float
 ) -> npt.NDArray[np.int64]:
     """Return instants and people, (K, 2); see `Corridor.alongside`."""
+    corridor = Corridor(*strip)
     instants, people, _ = positions.shape
     found, count = np.empty((instants * people, 2), np.int64), 0
     for instant in range(instants):
@@ -554,9 +559,10 @@ class Pedestrians(Walkers):
             self._eagerness,
             float(dt),
         )
-        self.velocities, self._courses = _choose(
-            self.positions, self._habits, self._courses, self._road, threat
+        self.velocities, *courses = _choose(
+            self.positions, self._habits, self._courses, tuple(self._road), tuple(threat)
         )
+        self._courses = _Courses(*courses)
 
     def _schedule_crossings(
         self, unexpected: npt.NDArray[np.int64], orderly: npt.NDArray[np.int64], rng: Generator
@@ -594,20 +600,25 @@ class Pedestrians(Walkers):
 
 @kernel
 def _choose(
-    positions: Array, habits: _Habits, courses: _Courses, road: _Road, threat: _Threat
-) -> tuple[Array, _Courses]:
+    positions: Array,
+    habits: _Habits,
+    courses: _Courses,
+    crossed: tuple[float, ...],
+    approach: tuple[float, ...],
+) -> tuple[Array, Flags, Array, Array, Array]:
     """Let everyone choose a velocity.
 
     Args:
         positions: float (N, 2), in m.
         habits: of the people.
         courses: where they were bound.
-        road: what they cross.
-        threat: ego.
+        crossed: the `_Road`.
+        approach: the `_Threat`.
 
     Returns:
-        Velocities, float (N, 2), in m/s, and where people are bound now.
+        Velocities, float (N, 2), in m/s, and where people are bound now, as of `_Courses`.
     """
+    road, threat = _Road(*crossed), _Threat(*approach)
     velocities = np.empty_like(positions)
     bound = _Courses(
         courses.crossing.copy(),
@@ -629,7 +640,7 @@ def _choose(
             aside = _track(habits, person, side) - place[1]
             velocities[person, 0] = bound.directions[person] * pace
             velocities[person, 1] = min(max(aside, -0.3), 0.3)
-    return velocities, bound
+    return velocities, bound.crossing, bound.directions, bound.sides, bound.lines
 
 
 @part
