@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -560,7 +560,11 @@ class Pedestrians(Walkers):
             float(dt),
         )
         self.velocities, *courses = _choose(
-            self.positions, self._habits, self._courses, tuple(self._road), tuple(threat)
+            self.positions,
+            tuple(self._habits),
+            tuple(self._courses),
+            tuple(self._road),
+            tuple(threat),
         )
         self._courses = _Courses(*courses)
 
@@ -601,8 +605,8 @@ class Pedestrians(Walkers):
 @kernel
 def _choose(
     positions: Array,
-    habits: _Habits,
-    courses: _Courses,
+    kept: tuple[Array, ...],
+    courses: tuple[Any, ...],
     crossed: tuple[float, ...],
     approach: tuple[float, ...],
 ) -> tuple[Array, Flags, Array, Array, Array]:
@@ -610,22 +614,18 @@ def _choose(
 
     Args:
         positions: float (N, 2), in m.
-        habits: of the people.
-        courses: where they were bound.
+        kept: the `_Habits`.
+        courses: `_Courses`, where people were bound.
         crossed: the `_Road`.
         approach: the `_Threat`.
 
     Returns:
         Velocities, float (N, 2), in m/s, and where people are bound now, as of `_Courses`.
     """
-    road, threat = _Road(*crossed), _Threat(*approach)
+    habits, road, threat = _Habits(*kept), _Road(*crossed), _Threat(*approach)
+    crossing, directions, sides, lines = courses
+    bound = _Courses(crossing.copy(), directions.copy(), sides.copy(), lines.copy())
     velocities = np.empty_like(positions)
-    bound = _Courses(
-        courses.crossing.copy(),
-        courses.directions.copy(),
-        courses.sides.copy(),
-        courses.lines.copy(),
-    )
     for person in range(len(positions)):
         place = positions[person, 0], positions[person, 1]
         _turn(bound, habits, road, person, place)
