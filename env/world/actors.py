@@ -559,14 +559,14 @@ class Pedestrians(Walkers):
             self._eagerness,
             float(dt),
         )
-        self.velocities, *courses = _choose(
+        self.velocities, crossing, directions, sides, lines = _choose(
             self.positions,
             tuple(self._habits),
             tuple(self._courses),
             tuple(self._road),
             tuple(threat),
         )
-        self._courses = _Courses(*courses)
+        self._courses = _Courses(crossing, directions, sides, lines)
 
     def _schedule_crossings(
         self, unexpected: npt.NDArray[np.int64], orderly: npt.NDArray[np.int64], rng: Generator
