@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from env.perception.pipeline import Scene, ScenePipeline
-from env.perception.ray_casting import Person, RayCaster, Sighting, Vehicle
+from env.perception.ray_casting import (
+    UNSEEN,
+    Bodies,
+    Camera,
+    Eye,
+    Ground,
+    Integers,
+    Parked,
+    Reading,
+    Sight,
+    cast,
+)
 from env.world.actors import Walkers
 from env.world.camera import DashCameraParameters
-from env.world.world import World
-from vsr.classes import SemanticClass
+from env.world.world import ParkedVehicle, World, leg_swings
+from vsr.classes import ENTITY_CLASSES, SemanticClass
 from vsr.entities import Box, Entity
-from vsr.facts import add_facts, unrated_atoms
+from vsr.facts import Pinhole, UnratedAtom, add_facts, unrated_atoms
 from vsr.grounding import SegmentationGrounding
+
+# By their numbers: those of Python are faster keys than members of an enumeration.
+_KINDS = {int(kind): kind for kind in SemanticClass}
+_NAMES = {int(kind): kind.name.lower() for kind in ENTITY_CLASSES}
 
 
 class TruthPerception:
@@ -29,6 +45,9 @@ class TruthPerception:
     def __init__(self, world: World, lens: DashCameraParameters, pipeline: ScenePipeline) -> None:
         self._pipeline = pipeline
         self._rays = RayCaster(world, lens, pipeline.grounding)
+        self._said: tuple[list[str], list[UnratedAtom]] = [], []
+        self._facts = pipeline.reward.facts()
+        self._conclusions = pipeline.reward.conclude(self._facts)
 
     def perceive(self, front: float, people: Walkers) -> Scene:
         """Return what the dash camera could see.
@@ -40,82 +59,185 @@ class TruthPerception:
         Returns:
             The scene, without a class map.
         """
-        grounding, pinhole = self._pipeline.grounding, self._rays.pinhole
-        evidence = RayEvidence(self._rays.cast(front, people), self._rays, grounding)
-        atoms = unrated_atoms(evidence, grounding, pinhole, self._pipeline.kb.subject)
-        facts = add_facts(self._pipeline.reward.facts(), evidence.entities, atoms, grounding)
-        return self._pipeline.scene(evidence.entities, facts)
+        evidence, pipeline = self._rays.cast(front, people), self._pipeline
+        atoms = unrated_atoms(evidence, pipeline.grounding, self._rays.pinhole, pipeline.kb.subject)
+        said = [entity.name for entity in evidence.entities], list(atoms)
+        # From step to step often the same is said, and the same follows from it.
+        if said != self._said:
+            facts = add_facts(
+                pipeline.reward.facts(), evidence.entities, said[1], pipeline.grounding
+            )
+            self._said, self._facts = said, facts
+            self._conclusions = pipeline.reward.conclude(facts)
+        return Scene(evidence.entities, self._facts.copy(), self._conclusions)
+
+
+class RayCaster:
+    """Casts the dash camera's rays; see `env.perception.ray_casting`.
+
+    Args:
+        world: the street.
+        lens: the dash camera.
+        grounding: how much must show of something for it to be seen, and the windows around people.
+
+    Attributes:
+        pinhole: the camera.
+    """
+
+    def __init__(
+        self, world: World, lens: DashCameraParameters, grounding: SegmentationGrounding
+    ) -> None:
+        self._world = world
+        self._setback = lens.setback
+        self.pinhole = pinhole = Pinhole.of(grounding.camera, (lens.size, lens.size))
+        # The renderer samples a pixel at its lower left corner. A trifle more, or one ray would run
+        # along the street and never enter a box from the side.
+        columns = np.arange(lens.size) + 1e-6
+        rays = (columns - pinhole.middle) / pinhole.focal
+        camera = Camera(
+            lens.size,
+            lens.near,
+            pinhole.focal,
+            pinhole.height,
+            pinhole.horizon,
+            pinhole.middle,
+            steepness=1.0 / -float(rays[0]),
+        )
+        street = world.geometry
+        ground = Ground(
+            street.ego_lane,
+            street.near_kerb,
+            street.far_kerb,
+            street.kerb_height,
+            *street.crosswalk,
+        )
+        reading = Reading(
+            grounding.minimum_area, grounding.window, *grounding.road, grounding.lane_half_width
+        )
+        self._eye = Eye(camera, ground, reading, columns, rays)
+        # Every entity fills its box, so that all masks are parts of this one.
+        self._filled = np.ones((lens.size, lens.size), np.bool_)
+        self._filled.flags.writeable = False
+
+    def cast(self, front: float, people: Walkers) -> RayEvidence:
+        """Return what the dash camera could see.
+
+        Args:
+            front: x of ego's front bumper, in m.
+            people: where they are.
+        """
+        world = self._world
+        swings = leg_swings(people.phases, people.speeds)
+        sight = cast(
+            front - self._setback,
+            self._eye,
+            world.posts,
+            _parked(tuple(world.parked)),
+            Bodies(people.positions, people.headings, swings, world.heights),
+        )
+        return RayEvidence(sight, self._entities(sight))
+
+    def _entities(self, sight: Sight) -> tuple[Entity, ...]:
+        """Return what is seen; names count within a class."""
+        counts = dict.fromkeys(_NAMES, 0)
+        entities = []
+        for number, top, left, bottom, right in sight.things[:, :5].tolist():
+            counts[number] += 1
+            name = f"{_NAMES[number]}{counts[number]}"
+            mask = self._filled[: bottom - top, : right - left]
+            box = Box(top, left, bottom, right)
+            entities.append(Entity(name, _KINDS[number], 1.0, box, mask))
+        return tuple(entities)
 
 
 class RayEvidence:
     """What rays show of the entities that they meet; see `vsr.facts.Evidence`.
 
     Args:
-        sighting: what the rays met.
-        rays: the rays.
-        grounding: how a picture would be read.
+        sight: what the rays met.
+        entities: the same, one for each of its things.
+
+    Attributes:
+        entities: persons, vehicles and crosswalks that are seen.
+        standing: each person's ground; None where none is seen.
     """
 
-    def __init__(
-        self, sighting: Sighting, rays: RayCaster, grounding: SegmentationGrounding
-    ) -> None:
-        self.standing = sighting.standing
-        self.entities = (
-            *(person.entity for person in sighting.persons),
-            *(vehicle.entity for vehicle in sighting.vehicles),
-            *sighting.crosswalks,
-        )
-        self._persons: dict[str, Person] = {p.entity.name: p for p in sighting.persons}
-        self._vehicles = sighting.vehicles
-        self._named: dict[str, Vehicle] = {v.entity.name: v for v in sighting.vehicles}
-        self._rays = rays
-        self._grounding = grounding
+    def __init__(self, sight: Sight, entities: tuple[Entity, ...]) -> None:
+        people, count = sight.beside.shape
+        self.entities = entities
+        persons, vehicles = entities[:people], entities[people : people + count]
+        notes = sight.things[:, 5].tolist()
+        self.standing: Mapping[Entity, SemanticClass | None] = {
+            person: None if note == UNSEEN else _KINDS[note]
+            for person, note in zip(persons, notes, strict=False)
+        }
+        self._in_lane = dict(zip(vehicles, notes[people:], strict=False))
+        self._beside = _by_vehicle(persons, vehicles, sight.beside)
+        # What comes after the vehicles is the crosswalk, if one is seen.
+        others = (*persons, *entities[people + count :])
+        self._before = _by_vehicle(others, vehicles, sight.before)
 
-    def beside(self, person: Entity) -> Mapping[Entity, float]:
+    def beside(self, person: Entity) -> Mapping[Entity, int]:
         """See `vsr.facts.Evidence`."""
-        return {v.entity: self._beside(person, v) for v in self._vehicles}
+        return self._beside.get(person, {})
 
-    def before(self, other: Entity) -> Mapping[Entity, float]:
+    def before(self, other: Entity) -> Mapping[Entity, int]:
         """See `vsr.facts.Evidence`; a crosswalk reaches from kerb to kerb."""
-        if other.kind is SemanticClass.CROSSWALK:
-            return {v.entity: self._before_crosswalk(v, other) for v in self._vehicles}
-        person = self._persons[other.name]
-        return {v.entity: self._before_person(v, person) for v in self._vehicles}
+        return self._before.get(other, {})
 
     def is_trodden(self, crosswalk: Entity) -> bool:
         """See `vsr.facts.Evidence`; the street has one crosswalk."""
         return SemanticClass.CROSSWALK in self.standing.values()
 
-    def in_lane(self, vehicle: Entity) -> float:
+    def in_lane(self, vehicle: Entity) -> int:
         """See `vsr.facts.Evidence`."""
-        seen, part = self._named[vehicle.name], vehicle.box.area[1]
-        laterals = self._rays.pinhole.laterals(self._rays.columns[part], seen.bottoms[part])
-        inside = np.abs(laterals) < self._grounding.lane_half_width
-        visible = seen.bottoms[part] > seen.tops[part]
-        return int(np.count_nonzero(inside & visible))
+        return self._in_lane[vehicle]
 
-    def _beside(self, person: Entity, vehicle: Vehicle) -> float:
-        window = self._grounding.window
-        box, other = person.box, vehicle.entity.box
-        if box.left - window >= other.right or box.right + window <= other.left:
-            return 0.0
-        left = slice(max(box.left - window, 0), box.left)
-        right = slice(box.right, box.right + window)
-        return vehicle.rows(left, box) + vehicle.rows(right, box)
 
-    def _before_person(self, vehicle: Vehicle, person: Person) -> float:
-        top, left, bottom, right = person.entity.box
-        other, (first, last) = vehicle.entity.box, person.columns
-        if other.bottom <= bottom or first >= other.right or last <= other.left:
-            return 0.0
-        return vehicle.rows(slice(first, last), Box(top, left, bottom + 1, right))
+def _by_vehicle(
+    others: Sequence[Entity], vehicles: Sequence[Entity], pixels: Integers
+) -> dict[Entity, dict[Entity, int]]:
+    """Return how many pixels of each vehicle belong to others; those of whom none do are left out.
 
-    def _before_crosswalk(self, vehicle: Vehicle, crosswalk: Entity) -> float:
-        if vehicle.entity.bottom <= crosswalk.centre[0]:
-            return 0.0
-        rows = np.arange(crosswalk.box.top, crosswalk.box.bottom)[:, None] + 0.5
-        left, right = (self._rays.pinhole.columns(side, rows) for side in self._grounding.road)
-        part = vehicle.entity.box.area[1]
-        band = (self._rays.columns[part] > left) & (self._rays.columns[part] < right)
-        before = band & (rows > vehicle.tops[part]) & (rows < vehicle.bottoms[part])
-        return int(np.count_nonzero(before))
+    Args:
+        others: persons or crosswalks.
+        vehicles: all V of them.
+        pixels: int64 (P, V), with at least a row for each of the others.
+    """
+    if not vehicles:
+        return {}
+    rows = zip(others, pixels.tolist(), strict=False)
+    return {other: dict(zip(vehicles, row, strict=True)) for other, row in rows if any(row)}
+
+
+@lru_cache(maxsize=64)  # a street has few models, and they stay for an episode
+def _parked(vehicles: tuple[ParkedVehicle, ...]) -> Parked:
+    """Return the parked vehicles as the rays need them."""
+    blocks = [block for vehicle in vehicles for block in _blocks(vehicle)]
+    owners = [place for place, vehicle in enumerate(vehicles) for _ in _blocks(vehicle)]
+    hulls = [
+        (y, x - 0.31 * vehicle.size.length, x + vehicle.size.length / 2)
+        for vehicle in vehicles
+        for x, y in [vehicle.place]
+    ]
+    kinds = [int(vehicle.kind) for vehicle in vehicles]
+    return Parked(
+        np.array(hulls), np.array(kinds, np.int64), np.array(blocks), np.array(owners, np.int64)
+    )
+
+
+def _blocks(vehicle: ParkedVehicle) -> list[tuple[float, float, float, float]]:
+    """Return the boxes of a vehicle: first and last x, half its width, and its height, in m."""
+    x, length, side = vehicle.place[0], vehicle.size.length, vehicle.size.width / 2
+    rear, front, top = x - length / 2, x + length / 2, vehicle.size.height
+    if vehicle.kind is SemanticClass.TRUCK:
+        cab = front - 1.75
+        return [
+            (rear, cab, side, top),
+            (cab, front - 0.35, side - 0.1, 2.1),
+            (cab, front, side - 0.06, 1.25),
+        ]
+    return [
+        (rear, front - 0.1, side - 0.015, 0.6 * top),
+        (x - 0.42 * length, x + 0.16 * length, side - 0.14, top),
+    ]

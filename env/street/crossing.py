@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from numbers import Real
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -214,12 +216,12 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         stretch = self._drive(_pedal(action))
         distances = self.corridor.distances(
             stretch.fronts, stretch.positions, self.people.velocities
-        )
-        distance = 0.0 if stretch.collided else float(distances.min())
+        ).tolist()
+        distance = 0.0 if stretch.collided else min(distances)
         outcome = self.pipeline.reward.evaluate(seen, v=speed, v_next=self.ego.speed, d=distance)
         self.outcome = outcome
         self._speeds.append(self.ego.speed)
-        self.gap = float(distances[-1].min())
+        self.gap = distances[-1]
         self._distances.append(self.gap)
         self._look()
 
@@ -291,40 +293,29 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
     def _gap(self) -> float:
         """Return how far the nearest pedestrian in the way is, as in `Corridor.distances`, in m."""
         fronts, people = np.array([self.ego.position]), self.people
-        return float(
-            self.corridor.distances(fronts, people.positions[None], people.velocities).min()
-        )
+        return self.corridor.distances(fronts, people.positions[None], people.velocities).item()
 
     def _drive(self, pedal: float) -> _Stretch:
         dt = 1.0 / PHYSICS_HZ
         self.people.decide(self.ego, self.control_dt)
-        egos = [self.ego.after(pedal, dt)]
-        while len(egos) < self._substeps:
-            egos.append(egos[-1].after(pedal, dt))
-        fronts = np.array([ego.position for ego in egos])
+        states = self.ego.course(pedal, dt, self._substeps)
+        fronts, speeds = states[:, 0].copy(), states[:, 1].copy()
         positions = self.people.paths(self._instants)
-        contact = self._first_contact(egos, fronts, positions)
+        contact = self._first_contact(fronts, speeds, positions)
         end = self._substeps if contact is None else contact + 1
-        self.ego = egos[end - 1]
+        self.ego = Ego(self.ego.parameters, *states[end - 1].tolist())
         self.people.advance(end * dt)
-        speeds = np.array([ego.speed for ego in egos[:end]])
-        return _Stretch(fronts[:end], speeds, positions[:end], contact is not None)
+        return _Stretch(fronts[:end], speeds[:end], positions[:end], contact is not None)
 
-    def _first_contact(self, egos: list[Ego], fronts: Array, positions: Array) -> int | None:
+    def _first_contact(self, fronts: Array, speeds: Array, positions: Array) -> int | None:
         """Return the first instant at which ego, moving, touches somebody."""
-        reach = PERSON_RADIUS + 0.1
-        fronts = fronts[:, None]
-        x, offset = positions[..., 0], positions[..., 1] - self.corridor.centre
-        near = (
-            (np.abs(offset) < self.corridor.width / 2 + reach)
-            & (x < fronts + reach)
-            & (x > fronts - self._ego_parameters.length - reach)
-        )
-        for instant in np.flatnonzero(near.any(axis=1)).tolist():
-            ego, who = egos[instant], np.flatnonzero(near[instant])
-            if self.world.touches(ego.position, who.tolist(), positions[instant, who]):
-                if ego.speed >= STANDSTILL:
-                    return int(instant)
+        length, reach = self._ego_parameters.length, PERSON_RADIUS + 0.1
+        near = self.corridor.alongside(fronts, positions, length, reach).tolist()
+        for instant, pairs in groupby(near, itemgetter(0)):
+            who = [person for _, person in pairs]
+            if self.world.touches(float(fronts[instant]), who, positions[instant, who]):
+                if speeds[instant] >= STANDSTILL:
+                    return instant
                 self._contacts_at_rest += 1
         return None
 
@@ -334,7 +325,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         times = self.corridor.times_to_collision(
             stretch.fronts, stretch.speeds, stretch.positions, self.people.velocities
         )
-        return float(times.min())
+        return float(min(times.tolist()))
 
     def _look(self) -> None:
         """Perceive the scene as it is now, and show it where there is a window."""

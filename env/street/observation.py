@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
@@ -11,6 +12,7 @@ from gymnasium import spaces
 
 from env.street.view import StreetView
 from env.world.actors import RUNNING_PACE
+from env.world.compiled import kernel
 from vsr.hypervectors.methods import Method
 
 if TYPE_CHECKING:
@@ -80,20 +82,67 @@ class StateObserver:
     def __call__(self, street: StreetView) -> Observation:
         """Return the state."""
         ego, geometry = street.ego, street.geometry
-        state = np.zeros(len(STATE_FIELDS), np.float32)
-        state[0] = ego.speed / ego.parameters.top_speed
-        state[1] = ego.force / ego.parameters.brake
-        state[2] = (geometry.goal - ego.position) / geometry.length
-        state[3] = (geometry.crosswalk[0] - ego.position) / _REACH
-        state[4] = street.gap / _REACH
-        people = state[5:].reshape(_NEAREST, 4)
-        people[:, 0] = 1.0
-        places = street.people.positions - (ego.position, street.corridor.centre)
-        ahead = np.flatnonzero(places[:, 0] >= -ego.parameters.length)
-        nearest = ahead[np.argsort(np.hypot(*places[ahead].T), kind="stable")][:_NEAREST]
-        people[: len(nearest), :2] = places[nearest] / (_REACH, _ASIDE)
-        people[: len(nearest), 2:] = street.people.velocities[nearest] / RUNNING_PACE
-        return np.clip(state, -1.0, 1.0, out=state)
+        own = (
+            ego.speed / ego.parameters.top_speed,
+            ego.force / ego.parameters.brake,
+            (geometry.goal - ego.position) / geometry.length,
+            (geometry.crosswalk[0] - ego.position) / _REACH,
+            street.gap / _REACH,
+        )
+        bumper, people = (ego.position, street.corridor.centre), street.people
+        return _state(own, bumper, ego.parameters.length, people.positions, people.velocities)
+
+
+@kernel
+def _state(
+    own: tuple[float, ...],
+    bumper: tuple[float, float],
+    length: float,
+    positions: npt.NDArray[np.float64],
+    velocities: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float32]:
+    """Return the state that `StateObserver` describes.
+
+    Args:
+        own: its first numbers, those of ego.
+        bumper: x and y of the middle of ego's front, in m.
+        length: of ego, in m; who is farther behind the bumper isn't shown.
+        positions: float (N, 2), of the people, in m.
+        velocities: float (N, 2), in m/s.
+
+    Returns:
+        float32 (45,), in [-1, 1].
+    """
+    state = np.zeros(len(own) + 4 * _NEAREST, np.float32)
+    nearest, distances, count = np.empty(_NEAREST, np.int64), np.empty(_NEAREST), 0
+    for person in range(len(positions)):
+        ahead = positions[person, 0] - bumper[0]
+        distance = math.hypot(ahead, positions[person, 1] - bumper[1])
+        # Of two who are equally near, the first counts.
+        if ahead < -length or (count == _NEAREST and distance >= distances[count - 1]):
+            continue
+        count = min(count + 1, _NEAREST)
+        place = count - 1
+        while place > 0 and distance < distances[place - 1]:
+            nearest[place], distances[place] = nearest[place - 1], distances[place - 1]
+            place -= 1
+        nearest[place], distances[place] = person, distance
+    for place in range(len(own)):
+        state[place] = min(max(own[place], -1.0), 1.0)
+    for place in range(_NEAREST):
+        first = len(own) + 4 * place
+        state[first] = 1.0
+        if place < count:
+            person = nearest[place]
+            shares = (
+                (positions[person, 0] - bumper[0]) / _REACH,
+                (positions[person, 1] - bumper[1]) / _ASIDE,
+                velocities[person, 0] / RUNNING_PACE,
+                velocities[person, 1] / RUNNING_PACE,
+            )
+            for part in range(4):
+                state[first + part] = min(max(shares[part], -1.0), 1.0)
+    return state
 
 
 class VsrObserver:

@@ -1,20 +1,22 @@
-"""Who moves: ego's longitudinal model, and the pedestrians as numpy arrays."""
+"""Who moves: ego's longitudinal model, and the pedestrians as arrays, moved by compiled kernels."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
 from env.world.cells import Traffic
-from env.world.kinematics import time_to_collision
+from env.world.compiled import kernel, part
 from env.world.world import PERSON_RADIUS, StreetGeometry
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 Behaviour = Literal["briefly_visible", "hidden"]
 
 PHYSICS_HZ = 100  # instants a second at which everybody moves
@@ -81,13 +83,68 @@ class Ego(NamedTuple):
             action: throttle above 0, brake below, in [-1, 1].
             dt: length of the step, in s.
         """
+        (state,) = self.course(action, dt, 1).tolist()
+        return Ego(self.parameters, *state)
+
+    def course(self, action: float, dt: float, steps: int) -> Array:
+        """Return what follows from the same action for some steps of explicit integration.
+
+        Args:
+            action: throttle above 0, brake below, in [-1, 1].
+            dt: length of a step, in s.
+            steps: S, how many.
+
+        Returns:
+            float (S, 3): position, speed and force after each.
+        """
         car = self.parameters
         wanted = action * (car.drive if action > 0.0 else car.brake)
-        force = self.force + (wanted - self.force) * min(dt / car.lag, 1.0)
-        acceleration = force - car.drag * self.speed**2 - car.rolling
-        speed = max(self.speed + acceleration * dt, 0.0)
-        position = self.position + 0.5 * (self.speed + speed) * dt
-        return Ego(car, position, speed, force)
+        forces = _Forces(wanted, min(dt / car.lag, 1.0), car.drag, 2.0, car.rolling)
+        return _course((self.position, self.speed, self.force), tuple(forces), dt, steps)
+
+
+class _Forces(NamedTuple):
+    """What moves ego during a step, as of `EgoParameters`.
+
+    Attributes:
+        wanted: what the force comes nearer to, in m/s².
+        share: of the way there, in a step.
+        drag: coefficient of air drag, in 1/m.
+        exponent: of the speed in the drag, 2. A constant would be compiled to a product, whose last
+            bit may differ from that of Python's power.
+        rolling: deceleration by the wheels, in m/s².
+    """
+
+    wanted: float
+    share: float
+    drag: float
+    exponent: float
+    rolling: float
+
+
+@kernel
+def _course(state: tuple[float, ...], pull: tuple[float, ...], dt: float, steps: int) -> Array:
+    """Integrate the longitudinal model; see `Ego.course`.
+
+    Args:
+        state: position, speed and force at first.
+        pull: `_Forces` of all steps.
+        dt: length of a step, in s.
+        steps: S, how many.
+
+    Returns:
+        float (S, 3): position, speed and force after each.
+    """
+    forces, (position, speed, force) = _Forces(*pull), state
+    states = np.empty((steps, 3))
+    for step in range(steps):
+        force = force + (forces.wanted - force) * forces.share
+        drag = forces.drag * math.pow(speed, forces.exponent)
+        faster = max(speed + (force - drag - forces.rolling) * dt, 0.0)
+        position = position + 0.5 * (speed + faster) * dt
+        speed = faster
+        states[step, 0], states[step, 1], states[step, 2] = position, speed, force
+    return states
 
 
 @dataclass(frozen=True)
@@ -154,8 +211,7 @@ _YIELDING = 0.5  # m/s; slower than this, ego is taken to give way …
 _YIELDING_WITHIN = 12.0  # … when it is not farther away than this, in m
 
 
-@dataclass(frozen=True)
-class Corridor:
+class Corridor(NamedTuple):
     """The strip of road that ego sweeps.
 
     Attributes:
@@ -171,7 +227,7 @@ class Corridor:
     horizon: float = 4.0
 
     def distances(self, fronts: Array, positions: Array, velocities: Array) -> Array:
-        """Return how far ego's front bumper is from everyone who is, or will be, in the way.
+        """Return how far ego's front bumper is from the nearest who is, or will be, in the way.
 
         Args:
             fronts: float (S,), x of the bumper at S instants, in m.
@@ -179,23 +235,18 @@ class Corridor:
             velocities: float (N, 2), in m/s.
 
         Returns:
-            float (S, N), in m, always positive; infinite for people behind the bumper and for
-            those who neither stand in the corridor nor enter it in time on their present course.
+            float (S,), in m, always positive; infinite where all people are behind the bumper, or
+            neither stand in the corridor nor enter it in time on their present course.
         """
-        ahead = positions[..., 0] - fronts[:, None]
-        offset = positions[..., 1] - self.centre
-        beyond = np.abs(offset) - (self.width / 2 + PERSON_RADIUS + self.margin)
-        approach = -np.sign(offset) * velocities[:, 1]
-        in_the_way = (ahead > 0.0) & (beyond <= np.maximum(approach, 0.0) * self.horizon)
-        beside = np.maximum(np.abs(offset) - self.width / 2, 0.0)
-        # Only a contact is 0, and that is for the physics to say.
-        distance = np.maximum(np.hypot(ahead, beside) - PERSON_RADIUS, 0.01)
-        return np.where(in_the_way, distance, np.inf)
+        return _distances(tuple(self), fronts, positions, velocities)
 
     def times_to_collision(
         self, fronts: Array, speeds: Array, positions: Array, velocities: Array
     ) -> Array:
-        """Return the time to collision with everyone whose path crosses ego's.
+        """Return the least time to collision with anyone whose path crosses ego's.
+
+        It is gap / closing speed, infinite where nothing closes: at rest, when moving apart, and
+        for who is passed already.
 
         Args:
             fronts: float (S,), x of the bumper at S instants, in m.
@@ -204,14 +255,86 @@ class Corridor:
             velocities: float (N, 2), in m/s.
 
         Returns:
-            float (S, N), in s; infinite for people who are elsewhere when ego gets there.
+            float (S,), in s; infinite where all people are elsewhere when ego gets there.
+
+        Source: paper, section "Model Evaluation".
         """
-        gaps = positions[..., 0] - PERSON_RADIUS - fronts[:, None]
-        times = time_to_collision(gaps, speeds[:, None] - velocities[:, 0])
-        arrived = np.isfinite(times)
-        later = positions[..., 1] + velocities[:, 1] * np.where(arrived, times, 0.0)
-        meets = np.abs(later - self.centre) <= self.width / 2 + PERSON_RADIUS
-        return np.where(meets, times, np.inf)
+        return _times_to_collision(tuple(self), fronts, speeds, positions, velocities)
+
+    def alongside(
+        self, fronts: Array, positions: Array, length: float, reach: float
+    ) -> npt.NDArray[np.int64]:
+        """Return who is within reach of ego's body, or nearly so, and when.
+
+        Args:
+            fronts: float (S,), x of the bumper at S instants, in m.
+            positions: float (S, N, 2), where the people are then, in m.
+            length: of ego's body, in m.
+            reach: on each side of the body, in m.
+
+        Returns:
+            int64 (K, 2), instants and people, in this order.
+        """
+        return _alongside(tuple(self), fronts, positions, length, reach)
+
+
+@kernel
+def _distances(
+    strip: tuple[float, ...], fronts: Array, positions: Array, velocities: Array
+) -> Array:
+    """Return the distance to the nearest in the way at each instant; see `Corridor.distances`."""
+    corridor = Corridor(*strip)
+    half, nearest = corridor.width / 2, np.full(len(fronts), np.inf)
+    for instant in range(len(fronts)):
+        for person in range(len(velocities)):
+            ahead = positions[instant, person, 0] - fronts[instant]
+            offset = positions[instant, person, 1] - corridor.centre
+            beyond = abs(offset) - (half + PERSON_RADIUS + corridor.margin)
+            approach = -np.sign(offset) * velocities[person, 1]
+            if ahead > 0.0 and beyond <= max(approach, 0.0) * corridor.horizon:
+                beside = max(abs(offset) - half, 0.0)
+                # Only a contact is 0, and that is for the physics to say.
+                distance = max(math.hypot(ahead, beside) - PERSON_RADIUS, 0.01)
+                nearest[instant] = min(nearest[instant], distance)
+    return nearest
+
+
+@kernel
+def _times_to_collision(
+    strip: tuple[float, ...], fronts: Array, speeds: Array, positions: Array, velocities: Array
+) -> Array:
+    """Return the least time at each instant; see `Corridor.times_to_collision`."""
+    corridor = Corridor(*strip)
+    reach, least = corridor.width / 2 + PERSON_RADIUS, np.full(len(fronts), np.inf)
+    for instant in range(len(fronts)):
+        for person in range(len(velocities)):
+            gap = positions[instant, person, 0] - PERSON_RADIUS - fronts[instant]
+            closing = speeds[instant] - velocities[person, 0]
+            if closing > 0.0 and gap >= 0.0:
+                time = gap / closing
+                later = positions[instant, person, 1] + velocities[person, 1] * time
+                if abs(later - corridor.centre) <= reach:
+                    least[instant] = min(least[instant], time)
+    return least
+
+
+@kernel
+def _alongside(
+    strip: tuple[float, ...], fronts: Array, positions: Array, length: float, reach: float
+) -> npt.NDArray[np.int64]:
+    """Return instants and people, (K, 2); see `Corridor.alongside`."""
+    corridor = Corridor(*strip)
+    instants, people, _ = positions.shape
+    found, count = np.empty((instants * people, 2), np.int64), 0
+    for instant in range(instants):
+        first, last = fronts[instant] - length - reach, fronts[instant] + reach
+        for person in range(people):
+            offset = positions[instant, person, 1] - corridor.centre
+            beside = abs(offset) < corridor.width / 2 + reach
+            if beside and first < positions[instant, person, 0] < last:
+                found[count, 0], found[count, 1] = instant, person
+                count += 1
+    return found[:count]
 
 
 class Walkers:
@@ -262,14 +385,111 @@ class Walkers:
         Args:
             dt: in s.
         """
-        speeds = self.speeds
-        self.positions = self.positions + self.velocities * dt
-        self.phases = np.mod(self.phases + 2 * np.pi * speeds * dt / _STRIDE, 2 * np.pi)
         courses = np.arctan2(self.velocities[:, 1], self.velocities[:, 0])
-        turns = np.mod(courses - self.headings + np.pi, 2 * np.pi) - np.pi
-        # np.clip takes several times as long.
-        turns = np.minimum(np.maximum(turns, -_TURNING * dt), _TURNING * dt)
-        self.headings = np.where(speeds > 0.05, self.headings + turns, self.headings)
+        poses = self.positions, self.headings, self.phases
+        self.positions, self.headings, self.phases = _walk(
+            poses, self.velocities, courses, float(dt)
+        )
+
+
+@kernel
+def _walk(
+    poses: tuple[Array, Array, Array], velocities: Array, courses: Array, dt: float
+) -> tuple[Array, Array, Array]:
+    """Return where everyone is, faces and strides after some time.
+
+    Args:
+        poses: positions, float (N, 2), in m; headings and phases, float (N,), in rad.
+        velocities: float (N, 2), in m/s.
+        courses: float (N,), their directions, in rad; people turn to them.
+        dt: in s.
+
+    Returns:
+        The poses then.
+    """
+    positions, headings, phases = poses
+    walked, faced, strode = np.empty_like(positions), headings.copy(), np.empty_like(phases)
+    for person in range(len(positions)):
+        speed = math.hypot(velocities[person, 0], velocities[person, 1])
+        for axis in range(2):
+            walked[person, axis] = positions[person, axis] + velocities[person, axis] * dt
+        strode[person] = (phases[person] + 2 * np.pi * speed * dt / _STRIDE) % (2 * np.pi)
+        if speed > 0.05:
+            turn = (courses[person] - headings[person] + np.pi) % (2 * np.pi) - np.pi
+            faced[person] += min(max(turn, -_TURNING * dt), _TURNING * dt)
+    return walked, faced, strode
+
+
+class _Habits(NamedTuple):
+    """What somebody keeps for an episode, each float (N,).
+
+    Attributes:
+        paces: in m/s.
+        near_tracks: y of their way along the sidewalk on ego's side, in m.
+        far_tracks: y of that on the other.
+    """
+
+    paces: Array
+    near_tracks: Array
+    far_tracks: Array
+
+
+class _Courses(NamedTuple):
+    """Where people are bound, each (N,).
+
+    Attributes:
+        crossing: whether they cross the road.
+        directions: 1 for those who walk along x, -1 against it.
+        sides: 1 for the far side of the street, -1 for the near one.
+        lines: the x where they turn to the road; nan for those who never cross.
+    """
+
+    crossing: Flags
+    directions: Array
+    sides: Array
+    lines: Array
+
+
+class _Road(NamedTuple):
+    """What people cross, in m.
+
+    Attributes:
+        end: x where they turn round.
+        near_kerb: y of the kerb on ego's side.
+        far_kerb: y of the other.
+        lane: y of ego's centre line.
+        passing: from there to where ego's body touches nobody.
+    """
+
+    end: float
+    near_kerb: float
+    far_kerb: float
+    lane: float
+    passing: float
+
+
+class _Threat(NamedTuple):
+    """Ego as people see it, in m and m/s.
+
+    Attributes:
+        front: x of its front bumper.
+        rear: x of the other.
+        speed: of it.
+        at_kerb: how far away one wants it who steps off the kerb.
+        beside_lane: how far who stands beside its lane.
+        before_target: how far the target does.
+        eagerness: how much farther away it may be when the target steps out.
+        dt: time until people choose again, in s.
+    """
+
+    front: float
+    rear: float
+    speed: float
+    at_kerb: float
+    beside_lane: float
+    before_target: float
+    eagerness: float
+    dt: float
 
 
 class Pedestrians(Walkers):
@@ -297,43 +517,56 @@ class Pedestrians(Walkers):
     ) -> None:
         count = level.people
         self._street = street
-        self._lane = corridor.centre
-        self._passing = corridor.width / 2 + PERSON_RADIUS
-        self._crossing = np.zeros(count, np.bool_)
-        self._paces = np.clip(rng.normal(1.3, 0.15, count), 1.0, 1.6)
+        self._road = _Road(
+            street.length + 6.0,
+            street.near_kerb,
+            street.far_kerb,
+            corridor.centre,
+            corridor.width / 2 + PERSON_RADIUS,
+        )
+        paces = np.clip(rng.normal(1.3, 0.15, count), 1.0, 1.6)
         others = 1 + rng.permutation(count - 1)
-        self._paces[rng.permutation(others)[: round(level.running * count)]] = RUNNING_PACE
-        self._directions = rng.choice([-1.0, 1.0], count)
-        self._sides = rng.choice([-1.0, 1.0], count)
+        paces[rng.permutation(others)[: round(level.running * count)]] = RUNNING_PACE
+        directions = rng.choice([-1.0, 1.0], count)
+        sides = rng.choice([-1.0, 1.0], count)
         depths = rng.uniform(1.0, street.sidewalk_width - 0.5, count)
-        self._near_tracks, self._far_tracks = street.near_kerb - depths, street.far_kerb + depths
-        # The x where a person turns to the road; nan for those who never cross.
-        self._lines = np.full(count, np.nan)
+        self._habits = _Habits(paces, street.near_kerb - depths, street.far_kerb + depths)
+        nobody, nowhere = np.zeros(count, np.bool_), np.full(count, np.nan)
+        self._courses = _Courses(nobody, directions, sides, nowhere)
         self._target_manners = BESIDE_LANE
         self._eagerness = 0.0
         self.positions = np.zeros((count, 2))
         self.positions[:, 0] = rng.uniform(4.0, street.length + 4.0, count)
         crossing = round(level.crossing * count)
         self._schedule_crossings(others[:crossing], others[crossing:][: level.orderly], rng)
-        self.positions[:, 1] = self._tracks(self._sides)
+        habits = self._habits
+        self.positions[:, 1] = np.where(sides > 0, habits.far_tracks, habits.near_tracks)
         if behaviour is not None:
             self._place_target(behaviour, rng)
         super().__init__(self.positions, np.zeros((count, 2)))
-        self.headings = np.where(self._directions > 0, 0.0, np.pi)
+        self.headings = np.where(self._courses.directions > 0, 0.0, np.pi)
         self.phases = rng.uniform(0.0, 2 * np.pi, count)
 
     def decide(self, ego: Ego, dt: float) -> None:
         """Let everyone choose a velocity; see `Walkers.decide`."""
-        self._turn()
-        # Whoever walks keeps to a track of their own; whoever crosses heads for the other side.
-        aside = self._tracks(self._sides) - self.positions[:, 1]
-        drift = np.minimum(np.maximum(aside, -0.3), 0.3)
-        self.velocities = np.empty_like(self.positions)
-        self.velocities[:, 0], self.velocities[:, 1] = self._directions * self._paces, drift
-        for person in np.flatnonzero(self._crossing).tolist():
-            held = self._has_to_wait(person, ego, dt)
-            across = -self._sides[person] * self._paces[person]
-            self.velocities[person] = 0.0, 0.0 if held else across
+        threat = _Threat(
+            ego.position,
+            ego.rear,
+            ego.speed,
+            AT_KERB.stopping_distance(ego.speed),
+            BESIDE_LANE.stopping_distance(ego.speed),
+            self._target_manners.stopping_distance(ego.speed),
+            self._eagerness,
+            float(dt),
+        )
+        self.velocities, crossing, directions, sides, lines = _choose(
+            self.positions,
+            tuple(self._habits),
+            tuple(self._courses),
+            tuple(self._road),
+            tuple(threat),
+        )
+        self._courses = _Courses(crossing, directions, sides, lines)
 
     def _schedule_crossings(
         self, unexpected: npt.NDArray[np.int64], orderly: npt.NDArray[np.int64], rng: Generator
@@ -343,23 +576,22 @@ class Pedestrians(Walkers):
         before, after = street.crosswalk
         near_start = rng.uniform(14.0, before - 14.0, len(unexpected))
         near_goal = rng.uniform(after + 4.0, street.goal - 4.0, len(unexpected))
-        self._lines[unexpected] = np.where(
-            rng.random(len(unexpected)) < 0.65, near_start, near_goal
-        )
-        self._lines[orderly] = rng.uniform(before + 0.6, after - 0.6, len(orderly))
+        paces, (_, directions, _, lines) = self._habits.paces, self._courses
+        lines[unexpected] = np.where(rng.random(len(unexpected)) < 0.65, near_start, near_goal)
+        lines[orderly] = rng.uniform(before + 0.6, after - 0.6, len(orderly))
         chosen = np.concatenate([unexpected, orderly])
-        walk = self._paces[chosen] * rng.uniform(0.5, _LATEST_CROSSING, len(chosen))
-        lines, directions = self._lines[chosen], self._directions[chosen]
-        off_street = lines - directions * walk < 2.0
-        self._directions[chosen] = np.where(off_street, -directions, directions)
-        self.positions[chosen, 0] = lines - self._directions[chosen] * walk
+        walk = paces[chosen] * rng.uniform(0.5, _LATEST_CROSSING, len(chosen))
+        off_street = lines[chosen] - directions[chosen] * walk < 2.0
+        directions[chosen] = np.where(off_street, -directions[chosen], directions[chosen])
+        self.positions[chosen, 0] = lines[chosen] - directions[chosen] * walk
 
     def _place_target(self, behaviour: Behaviour, rng: Generator) -> None:
         street = self._street
         line = rng.uniform(street.crosswalk[0] + 1.2, street.crosswalk[1] - 0.8)
         approach, depth = rng.uniform(2.5, 4.0), rng.uniform(1.0, 1.5)
-        self._paces[0] = rng.uniform(1.2, 1.5)
-        self._sides[0], self._directions[0], self._lines[0] = -1.0, 1.0, line
+        self._habits.paces[0] = rng.uniform(1.2, 1.5)
+        courses = self._courses
+        courses.sides[0], courses.directions[0], courses.lines[0] = -1.0, 1.0, line
         # How much farther away than it needs to stop ego may be when the target steps out.
         reaction = rng.uniform(*RASH_REACTION)
         self._target_manners = replace(BESIDE_LANE, reaction=reaction, braking=np.inf)
@@ -369,54 +601,113 @@ class Pedestrians(Walkers):
         else:
             self.positions[0] = line, street.near_kerb - _KERB_STAND - 0.05
 
-    def _turn(self) -> None:
-        """Turn round at the ends of the street, to the road at the line, and to walk after it."""
-        x, y = self.positions.T
-        outward = np.where(self._directions > 0, x > self._street.length + 6.0, x < 2.0)
-        self._directions = np.where(outward, -self._directions, self._directions)
-        starts = ~self._crossing & (self._directions * (x - self._lines) >= 0.0)
-        arrives = self._crossing & (self._sides * (y - self._tracks(-self._sides)) <= 0.0)
-        self._crossing = self._crossing ^ (starts | arrives)
-        if arrives.any():
-            self._sides = np.where(arrives, -self._sides, self._sides)
-            self._lines = np.where(arrives, np.nan, self._lines)
 
-    def _has_to_wait(self, person: int, ego: Ego, dt: float) -> bool:
-        """Tell whether one who crosses stops at the kerb, beside ego's lane, or before ego itself.
+@kernel
+def _choose(
+    positions: Array,
+    kept: tuple[Array, ...],
+    courses: tuple[Any, ...],
+    crossed: tuple[float, ...],
+    approach: tuple[float, ...],
+) -> tuple[Array, Flags, Array, Array, Array]:
+    """Let everyone choose a velocity.
 
-        Few cross at a time, and numbers of one person are faster than arrays of all.
-        """
-        x, y = self.positions[person].tolist()
-        if x + PERSON_RADIUS + _CLEARANCE < ego.rear:
-            return False
-        side, stride = float(self._sides[person]), float(self._paces[person]) * dt
-        gap = x - PERSON_RADIUS - ego.position
-        kerb = self._street.far_kerb if side > 0.0 else self._street.near_kerb
-        to_kerb = side * (y - kerb) - _KERB_STAND
-        to_lane = side * (y - self._lane) - self._passing - _CLEARANCE
-        if 0.0 < to_kerb <= stride and not self._trusts(person, ego, gap, to_lane):
-            return True
-        if 0.0 < to_lane <= stride and gap < self._room_beside_lane(person, ego.speed):
-            return True
-        # In the last half metre nobody walks into a car that stands or passes there.
-        return -_CLEARANCE <= to_lane <= 0.0 and gap < 0.0
+    Args:
+        positions: float (N, 2), in m.
+        kept: the `_Habits`.
+        courses: `_Courses`, where people were bound.
+        crossed: the `_Road`.
+        approach: the `_Threat`.
 
-    def _trusts(self, person: int, ego: Ego, gap: float, to_lane: float) -> bool:
-        """Tell whether ego is as far away, in m, as one wants who steps off the kerb."""
-        if person != 0:
-            return gap >= AT_KERB.stopping_distance(ego.speed)
-        # The target acts on the distance that ego will have when it reaches ego's lane.
-        stroll = ego.speed * to_lane / float(self._paces[0])
-        nearest = self._room_beside_lane(0, ego.speed) + stroll
-        yields = ego.speed < _YIELDING
-        farthest = _YIELDING_WITHIN if yields else nearest + self._eagerness
-        return nearest <= gap <= farthest
+    Returns:
+        Velocities, float (N, 2), in m/s, and where people are bound now, as of `_Courses`.
+    """
+    habits, road, threat = _Habits(*kept), _Road(*crossed), _Threat(*approach)
+    crossing, directions, sides, lines = courses
+    bound = _Courses(crossing.copy(), directions.copy(), sides.copy(), lines.copy())
+    velocities = np.empty_like(positions)
+    for person in range(len(positions)):
+        place = positions[person, 0], positions[person, 1]
+        _turn(bound, habits, road, person, place)
+        side, pace = bound.sides[person], habits.paces[person]
+        if bound.crossing[person]:
+            # Whoever crosses heads for the other side.
+            held = _has_to_wait(person, place, (side, pace), road, threat)
+            velocities[person, 0] = 0.0
+            velocities[person, 1] = 0.0 if held else -side * pace
+        else:
+            # Whoever walks keeps to a track of their own.
+            aside = _track(habits, person, side) - place[1]
+            velocities[person, 0] = bound.directions[person] * pace
+            velocities[person, 1] = min(max(aside, -0.3), 0.3)
+    return velocities, bound.crossing, bound.directions, bound.sides, bound.lines
 
-    def _room_beside_lane(self, person: int, speed: float) -> float:
-        """Return how near ego may be, in m, for one to step before it from beside its lane."""
-        manners = BESIDE_LANE if person != 0 else self._target_manners
-        return manners.stopping_distance(speed)
 
-    def _tracks(self, sides: Array) -> Array:
-        """Return the y of everyone's track on these sides of the street."""
-        return np.where(sides > 0, self._far_tracks, self._near_tracks)
+@part
+def _turn(
+    bound: _Courses, habits: _Habits, road: _Road, person: int, place: tuple[float, float]
+) -> None:
+    """Turn round at the ends of the street, to the road at the line, and to walk after it."""
+    x, y = place
+    direction, side = bound.directions[person], bound.sides[person]
+    if (direction > 0.0 and x > road.end) or (direction < 0.0 and x < 2.0):
+        direction = -direction
+        bound.directions[person] = direction
+    if bound.crossing[person]:
+        if side * (y - _track(habits, person, -side)) <= 0.0:
+            bound.crossing[person] = False
+            bound.sides[person], bound.lines[person] = -side, np.nan
+    elif direction * (x - bound.lines[person]) >= 0.0:
+        bound.crossing[person] = True
+
+
+@part
+def _track(habits: _Habits, person: int, side: float) -> float:
+    """Return the y of one's track on a side of the street."""
+    return habits.far_tracks[person] if side > 0.0 else habits.near_tracks[person]
+
+
+@part
+def _has_to_wait(
+    person: int,
+    place: tuple[float, float],
+    gait: tuple[float, float],
+    road: _Road,
+    threat: _Threat,
+) -> bool:
+    """Tell whether one who crosses stops at the kerb, beside ego's lane, or before ego itself.
+
+    Args:
+        person: who.
+        place: x and y, in m.
+        gait: the side that one comes from, and one's pace in m/s.
+        road: what one crosses.
+        threat: ego.
+    """
+    (x, y), (side, pace) = place, gait
+    if x + PERSON_RADIUS + _CLEARANCE < threat.rear:
+        return False
+    stride, gap = pace * threat.dt, x - PERSON_RADIUS - threat.front
+    kerb = road.far_kerb if side > 0.0 else road.near_kerb
+    to_kerb = side * (y - kerb) - _KERB_STAND
+    to_lane = side * (y - road.lane) - road.passing - _CLEARANCE
+    if 0.0 < to_kerb <= stride and not _trusts(person, pace, gap, to_lane, threat):
+        return True
+    # How near ego may be for one to step before it from beside its lane.
+    room = threat.beside_lane if person != 0 else threat.before_target
+    if 0.0 < to_lane <= stride and gap < room:
+        return True
+    # In the last half metre nobody walks into a car that stands or passes there.
+    return -_CLEARANCE <= to_lane <= 0.0 and gap < 0.0
+
+
+@part
+def _trusts(person: int, pace: float, gap: float, to_lane: float, threat: _Threat) -> bool:
+    """Tell whether ego is as far away, in m, as one wants who steps off the kerb."""
+    if person != 0:
+        return gap >= threat.at_kerb
+    # The target acts on the distance that ego will have when it reaches ego's lane.
+    nearest = threat.before_target + threat.speed * to_lane / pace
+    yields = threat.speed < _YIELDING
+    farthest = _YIELDING_WITHIN if yields else nearest + threat.eagerness
+    return nearest <= gap <= farthest

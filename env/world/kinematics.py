@@ -15,23 +15,6 @@ Array = npt.NDArray[np.float64]
 STANDSTILL = 0.1  # m/s; slower than this is standing
 
 
-def time_to_collision(gaps: npt.ArrayLike, closing_speeds: npt.ArrayLike) -> Array:
-    """Return the time until a gap closes: gap / closing speed.
-
-    Args:
-        gaps: in m; broadcast with the speeds.
-        closing_speeds: in m/s.
-
-    Returns:
-        In s; infinite where nothing closes: at rest, when moving apart, and for what is passed
-        already (gap < 0).
-    """
-    gaps, speeds = np.asarray(gaps, float), np.asarray(closing_speeds, float)
-    closes = (speeds > 0.0) & (gaps >= 0.0)
-    times: Array = np.full(closes.shape, np.inf)
-    return np.divide(gaps, speeds, out=times, where=closes)
-
-
 def stopping_distance(
     speeds: npt.ArrayLike, distances: npt.ArrayLike, dt: float, hold: float = 1.0
 ) -> float:

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,18 +9,7 @@ from hypothesis import strategies as st
 from env.evaluation import metrics
 from env.evaluation.statistics import Mean, Share
 from env.world import kinematics
-from env.world.kinematics import stopping_distance, time_to_collision
-
-
-def test_time_to_collision_is_gap_over_closing_speed():
-    times = time_to_collision([10.0, 10.0, 10.0, -1.0, 0.0], [5.0, 0.0, -2.0, 5.0, 5.0])
-    assert times.tolist() == [2.0, math.inf, math.inf, math.inf, 0.0]
-
-
-def test_time_to_collision_broadcasts():
-    assert time_to_collision(np.ones((3, 2)), [1.0, 2.0]).tolist() == [[1.0, 0.5]] * 3
-    assert time_to_collision([], 1.0).shape == (0,)
-
+from env.world.kinematics import stopping_distance
 
 DRIVE, STOP = [5.0] * 5, [0.0] * 12
 

@@ -108,6 +108,20 @@ def test_the_parked_vehicle_hides_the_crosswalk(street):
     assert "EmptyLane(ego)" in facts
 
 
+def test_what_is_said_again_is_concluded_as_if_anew(street):
+    truth = TruthPerception(street.world, street.lens, street.pipeline)
+    people = Walkers(np.tile([45.0, street.corridor.centre], (10, 1)), np.zeros((10, 2)))
+    first = truth.perceive(30.0, people)
+    known = str(first.facts)
+    first.facts.add("OnRoad", "somebody_else")
+    for front, alike in ((30.0, True), (31.0, True), (50.0, False), (30.0, True)):
+        scene = truth.perceive(front, people)
+        anew = TruthPerception(street.world, street.lens, street.pipeline).perceive(front, people)
+        assert scene.facts == anew.facts
+        assert scene.conclusions.derived == anew.conclusions.derived
+        assert (str(scene.facts) == known) is alike
+
+
 def test_truth_draws_no_picture(monkeypatch):
     with OccludedCrossing(traffic="low", perception="truth", observation="state") as street:
         monkeypatch.setattr(street.world, "render", lambda *_: pytest.fail("it draws"))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from env.world.actors import (
+    AT_KERB,
     BESIDE_LANE,
     RASH_REACTION,
     RUNNING_PACE,
@@ -69,11 +70,11 @@ def test_ego_rolls_to_a_stop():
 @pytest.mark.parametrize(("traffic", "count"), [("low", 10), ("medium", 25), ("high", 50)])
 def test_traffic_has_the_paper_s_numbers(traffic, count):
     people, level = crowd(traffic), TRAFFIC[traffic]
-    paces = people._paces
+    paces = people._habits.paces
     assert len(people) == count
     assert np.count_nonzero(paces == RUNNING_PACE) == round(level.running * count)
     target_and_orderly = 1 + level.orderly
-    crossing = np.count_nonzero(~np.isnan(people._lines))
+    crossing = np.count_nonzero(~np.isnan(people._courses.lines))
     assert crossing == round(level.crossing * count) + target_and_orderly
 
 
@@ -268,3 +269,136 @@ def test_time_to_collision_counts_who_is_there_when_ego_is(y, vy, speed, ttc):
     positions, velocities = at(60.0, y, vy=vy)
     found = CORRIDOR.times_to_collision(np.array([50.0]), np.array([speed]), positions, velocities)
     assert found.item() == pytest.approx(ttc)
+
+
+# The compiled functions, against plain Python and numpy, to the bit
+
+
+def euler(ego, action, dt):
+    car = ego.parameters
+    wanted = action * (car.drive if action > 0.0 else car.brake)
+    force = ego.force + (wanted - ego.force) * min(dt / car.lag, 1.0)
+    acceleration = force - car.drag * ego.speed**2 - car.rolling
+    speed = max(ego.speed + acceleration * dt, 0.0)
+    return Ego(car, ego.position + 0.5 * (ego.speed + speed) * dt, speed, force)
+
+
+@pytest.mark.parametrize("action", [-1.0, -0.3, 0.0, 0.7, 1.0])
+def test_ego_s_course_is_explicit_integration(action):
+    rng = np.random.default_rng(0)
+    for speed, force in rng.uniform([0.0, -8.0], [12.0, 3.0], (100, 2)).tolist():
+        ego = Ego(speed=speed, force=force)
+        course = ego.course(action, 0.01, 50)
+        assert ego.after(action, 0.01) == Ego(CAR, *course[0].tolist())
+        for state in course.tolist():
+            ego = euler(ego, action, 0.01)
+            assert list(ego[1:]) == state
+
+
+def reference_walk(people, dt):
+    vx, vy = people.velocities.T
+    speeds = np.hypot(vx, vy)
+    phases = np.mod(people.phases + 2 * np.pi * speeds * dt / 1.35, 2 * np.pi)
+    turns = np.mod(np.arctan2(vy, vx) - people.headings + np.pi, 2 * np.pi) - np.pi
+    turned = people.headings + np.clip(turns, -6.0 * dt, 6.0 * dt)
+    headings = np.where(speeds > 0.05, turned, people.headings)
+    return people.positions + people.velocities * dt, headings, phases
+
+
+def reference_choice(people, ego, dt):
+    """Return velocities and courses, as the docstrings of `Pedestrians` and its helpers say."""
+    (x, y), (paces, near, far) = people.positions.T, people._habits
+    crossing, directions, sides, lines = people._courses
+    outward = np.where(directions > 0, x > STREET.length + 6.0, x < 2.0)
+    directions = np.where(outward, -directions, directions)
+    starts = ~crossing & (directions * (x - lines) >= 0.0)
+    arrives = crossing & (sides * (y - np.where(sides > 0, near, far)) <= 0.0)
+    crossing = crossing ^ (starts | arrives)
+    sides, lines = np.where(arrives, -sides, sides), np.where(arrives, np.nan, lines)
+
+    gaps, lane = x - 0.3 - ego.position, CORRIDOR.centre
+    to_kerb = sides * (y - np.where(sides > 0, STREET.far_kerb, STREET.near_kerb)) - 0.35
+    to_lane = sides * (y - lane) - (CORRIDOR.width / 2 + 0.3) - 0.5
+    rooms = np.full(len(people), BESIDE_LANE.stopping_distance(ego.speed))
+    rooms[0] = people._target_manners.stopping_distance(ego.speed)
+    trusts = gaps >= AT_KERB.stopping_distance(ego.speed)
+    nearest = rooms[0] + ego.speed * to_lane[0] / paces[0]
+    farthest = 12.0 if ego.speed < 0.5 else nearest + people._eagerness
+    trusts[0] = nearest <= gaps[0] <= farthest
+    waits = (to_kerb > 0.0) & (to_kerb <= paces * dt) & ~trusts
+    waits |= (to_lane > 0.0) & (to_lane <= paces * dt) & (gaps < rooms)
+    waits |= (to_lane >= -0.5) & (to_lane <= 0.0) & (gaps < 0.0)
+    waits &= x + 0.3 + 0.5 >= ego.rear
+    aside = np.clip(np.where(sides > 0, far, near) - y, -0.3, 0.3)
+    across = np.where(waits, 0.0, -sides * paces)
+    velocities = np.stack(
+        [np.where(crossing, 0.0, directions * paces), np.where(crossing, across, aside)], axis=1
+    )
+    return velocities, (crossing, directions, sides, lines)
+
+
+@pytest.mark.parametrize("traffic", ["low", "high"])
+@pytest.mark.parametrize("behaviour", ["briefly_visible", "hidden"])
+def test_people_choose_and_walk_as_in_plain_numpy(traffic, behaviour):
+    for seed in range(3):
+        people, ego = crowd(traffic, behaviour, seed), Ego(speed=6.0)
+        for step in range(400):
+            velocities, courses = reference_choice(people, ego, DT)
+            people.decide(ego, DT)
+            assert np.array_equal(people.velocities, velocities)
+            for found, expected in zip(people._courses, courses, strict=True):
+                assert np.array_equal(found, expected, equal_nan=True)
+            poses = reference_walk(people, DT)
+            people.advance(DT)
+            for found, expected in zip(
+                (people.positions, people.headings, people.phases), poses, strict=True
+            ):
+                assert np.array_equal(found, expected)
+            ego = driven([0.5, -0.4, -1.0][step // 40 % 3], DT, ego)
+
+
+def moments(seed):
+    """Return fronts, speeds, positions and velocities of 5 instants and 30 people."""
+    rng = np.random.default_rng(seed)
+    fronts, speeds = rng.uniform(40.0, 50.0, 5), rng.choice([0.0, 3.0, 10.0], 5)
+    positions = rng.uniform([35.0, -6.0], [70.0, 4.0], (5, 30, 2))
+    velocities = rng.choice([-1.3, 0.0, 1.3, 5.0], (30, 2))
+    return fronts, speeds, positions, velocities
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_corridor_measures_as_in_plain_numpy(seed):
+    fronts, speeds, positions, velocities = moments(seed)
+    x, offset = positions[..., 0], positions[..., 1] - CORRIDOR.centre
+    ahead, half = x - fronts[:, None], CAR.width / 2
+    approach = np.maximum(-np.sign(offset) * velocities[:, 1], 0.0)
+    counts = (ahead > 0.0) & (np.abs(offset) - (half + 0.3 + 0.3) <= approach * 4.0)
+    far = np.maximum(np.hypot(ahead, np.maximum(np.abs(offset) - half, 0.0)) - 0.3, 0.01)
+    nearest = np.where(counts, far, np.inf).min(axis=1)
+    assert np.array_equal(CORRIDOR.distances(fronts, positions, velocities), nearest)
+
+    gaps, closing = x - 0.3 - fronts[:, None], speeds[:, None] - velocities[:, 0]
+    closes = (closing > 0.0) & (gaps >= 0.0)
+    times = np.divide(gaps, closing, out=np.full(gaps.shape, np.inf), where=closes)
+    later = positions[..., 1] + velocities[:, 1] * np.where(closes, times, 0.0)
+    meets = np.abs(later - CORRIDOR.centre) <= half + 0.3
+    least = np.where(meets, times, np.inf).min(axis=1)
+    found = CORRIDOR.times_to_collision(fronts, speeds, positions, velocities)
+    assert np.array_equal(found, least)
+
+    near = np.abs(offset) < half + 0.4
+    near &= (x < fronts[:, None] + 0.4) & (x > fronts[:, None] - CAR.length - 0.4)
+    assert near.any()
+    assert np.array_equal(CORRIDOR.alongside(fronts, positions, CAR.length, 0.4), np.argwhere(near))
+
+
+@pytest.mark.parametrize(("gap", "speed"), [(-1.0, 5.0), (5.0, 0.0), (5.0, -2.0)])
+def test_nothing_collides_that_is_passed_or_moves_apart(gap, speed):
+    positions, velocities = at(50.3 + gap, 0.0)
+    found = CORRIDOR.times_to_collision(np.array([50.0]), np.array([speed]), positions, velocities)
+    assert found.tolist() == [np.inf]
+
+
+def test_nobody_is_nowhere():
+    fronts, nobody = np.zeros(3), np.zeros((3, 0, 2))
+    assert CORRIDOR.distances(fronts, nobody, np.zeros((0, 2))).tolist() == [np.inf] * 3
