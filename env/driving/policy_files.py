@@ -44,7 +44,8 @@ class Interface(_Section):
         frames: how many observations are given together.
         decision_steps: control steps that an action is held.
         layers: widths of the hidden layers.
-        standardised: whether observations are standardised by numbers in the file first.
+        standardised: whether observations are standardised by numbers in the file first, as in
+            all policies but the first that there were.
     """
 
     observation: Literal["vsr", "state"]
@@ -67,7 +68,7 @@ class Interface(_Section):
             frames=setup.frames,
             decision_steps=setup.decision_steps,
             layers=setup.learning.layers,
-            standardised=setup.learning.norm_obs,
+            standardised=True,
         )
 
 

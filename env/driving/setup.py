@@ -69,8 +69,14 @@ class Learning(_Section):
     ent_coef: float = Field(0.0, ge=0, description="factor on the policy's entropy in the loss")
     norm_obs: bool = Field(
         default=True,
-        description="whether observations are given a mean of 0 and a deviation of 1, by those "
-        "seen so far; the policy keeps what was measured",
+        description="whether each number of an observation is given a mean of 0 and a deviation of "
+        "1, by those seen so far; the policy keeps what was measured",
+    )
+    observation_scale: float = Field(
+        0.1,
+        gt=0,
+        description="without norm_obs: factor on all numbers of an observation, so that the first "
+        "layer is not saturated and what varies little stays small",
     )
     norm_reward: bool = Field(
         default=True,

@@ -245,10 +245,7 @@ def _load_moments(model: PPO, tensors: Mapping[str, Tensor]) -> None:
 
 def _statistics(streets: VecNormalize) -> dict[str, RunningMeanStd]:
     """Return what normalised streets have seen, by names of ours."""
-    seen = {"returns": streets.ret_rms}
-    if streets.norm_obs:
-        seen["observations"] = cast(RunningMeanStd, streets.obs_rms)
-    return seen
+    return {"observations": cast(RunningMeanStd, streets.obs_rms), "returns": streets.ret_rms}
 
 
 def _load_statistics(model: PPO, tensors: Mapping[str, Tensor]) -> None:

@@ -26,7 +26,7 @@ from torch.nn import functional
 import sfol
 from env.driving.drivers import DRIVERS
 from env.driving.policy_files import Interface, PolicyCard, PolicyFile, Standardised, policy_network
-from env.driving.setup import Setup
+from env.driving.setup import Learning, Setup
 from env.evaluation.results import versions
 from env.learning.journal import History
 from env.learning.new_model import codebook_of
@@ -149,8 +149,8 @@ class _Learner:
 
     def __init__(self, setup: Setup, streets: VecEnv, lessons: Lessons) -> None:
         (self._size,) = cast(tuple[int], streets.observation_space.shape)
-        interface = Interface.of(setup).model_copy(update={"standardised": True})
-        self.network = policy_network(self._size, interface)
+        self.network = policy_network(self._size, Interface.of(setup))
+        self._learning = setup.learning
         self._lessons = lessons
         self._streets = streets
         self._rng = np.random.default_rng(setup.seed)
@@ -205,7 +205,7 @@ class _Learner:
             )
             for masks in ([~mask for mask in held], held)
         )
-        _standardise(self.network, learnt[0])
+        _standardise(self.network, learnt[0], self._learning)
         return _fit(
             self.network,
             learnt,
@@ -225,11 +225,14 @@ def _shown(infos: Any) -> Array:
     return np.array([[info["teacher"]] for info in infos], np.float32)
 
 
-def _standardise(network: nn.Sequential, observations: Tensor) -> None:
-    """Let a network see observations with mean 0 and deviation 1."""
+def _standardise(network: nn.Sequential, observations: Tensor, learning: Learning) -> None:
+    """Let a network see observations as it would in a training, once that has seen all of these."""
     part = cast(Standardised, network.standardised)
-    part.mean.copy_(observations.mean(dim=0))
-    part.deviation.copy_(observations.std(dim=0).clamp(min=_DEVIATION))
+    if learning.norm_obs:
+        part.mean.copy_(observations.mean(dim=0))
+        part.deviation.copy_(observations.std(dim=0).clamp(min=_DEVIATION))
+    else:
+        part.deviation.fill_(1.0 / learning.observation_scale)
 
 
 def _fit(
@@ -284,7 +287,7 @@ def _copied(network: nn.Module) -> dict[str, Tensor]:
 def _card(setup: Setup, lessons: Lessons, seen: int, result: dict[str, float]) -> PolicyCard:
     rules = sfol.KnowledgeBase.load(*setup.rules)
     return PolicyCard(
-        interface=Interface.of(setup).model_copy(update={"standardised": True}),
+        interface=Interface.of(setup),
         training={"setup": setup.model_dump(mode="json"), "imitation": asdict(lessons)},
         steps=seen,
         knowledge_base=rules.name,

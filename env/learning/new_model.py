@@ -38,13 +38,13 @@ _OWN = {
     "log_std_init",
     "norm_obs",
     "norm_reward",
+    "observation_scale",
     "rollout_steps",
     "value_steps",
 }
 # What a policy has in common with the one that it starts from.
 _SAME = ("observation", "fusion", "unit_rms", "decision_steps", "layers", "standardised")
-# Observations that a policy's statistics count for when another starts from it: no later ones
-# change them, since its weights are right for these.
+# Observations that statistics count for which no later ones shall change.
 _FOR_EVER = 1e18
 # How a value function is learnt alone: nothing that is learnt beside it can go wrong meanwhile.
 _VALUE_LEARNING = {"learning_rate": 1e-3, "last_learning_rate": 1e-3, "n_epochs": 10}
@@ -104,13 +104,13 @@ def _check_same(file: PolicyFile, key: str, former: object, new: object) -> None
 def normalised(setup: Setup, streets: VecEnv) -> VecNormalize:
     """Return streets with observations and rewards normalised as a setup says, while they learn."""
     learning = setup.learning
-    return VecNormalize(
-        streets,
-        norm_obs=learning.norm_obs,
-        norm_reward=learning.norm_reward,
-        clip_obs=CLIP,
-        gamma=setup.discount,
+    normal = VecNormalize(
+        streets, norm_reward=learning.norm_reward, clip_obs=CLIP, gamma=setup.discount
     )
+    if not learning.norm_obs:
+        seen = cast(RunningMeanStd, normal.obs_rms)
+        seen.var[:], seen.count = learning.observation_scale**-2, _FOR_EVER
+    return normal
 
 
 def new_model(
@@ -234,12 +234,11 @@ def policy_of(model: PPO, interface: Interface) -> nn.Sequential:
     actor = actor_of(model)
     network = policy_network(cast(nn.Linear, actor[0]).in_features, interface)
     state = {name: tensor.detach().cpu().clone() for name, tensor in actor.state_dict().items()}
-    if interface.standardised:
-        streets = cast(VecNormalize, model.get_vec_normalize_env())
-        seen = cast(RunningMeanStd, streets.obs_rms)
-        deviation = np.sqrt(seen.var + streets.epsilon)
-        state["standardised.mean"] = torch.from_numpy(seen.mean.astype(np.float32))
-        state["standardised.deviation"] = torch.from_numpy(deviation.astype(np.float32))
+    streets = cast(VecNormalize, model.get_vec_normalize_env())
+    seen = cast(RunningMeanStd, streets.obs_rms)
+    deviation = np.sqrt(seen.var + streets.epsilon)
+    state["standardised.mean"] = torch.from_numpy(seen.mean.astype(np.float32))
+    state["standardised.deviation"] = torch.from_numpy(deviation.astype(np.float32))
     network.load_state_dict(state)
     return network
 
@@ -267,11 +266,11 @@ def load_policy(model: PPO, streets: VecNormalize, file: PolicyFile, frames: int
     card, state, actor = file.card(), file.network().state_dict(), actor_of(model)
     (inputs,) = cast(spaces.Box, streets.observation_space).shape
     wider = partial(_widened, frames=card.interface.frames, inputs=inputs, new_frames=frames)
-    if card.interface.standardised:
-        seen = cast(RunningMeanStd, streets.obs_rms)
-        seen.mean = wider(state.pop("standardised.mean")[None])[0].double().numpy()
-        deviation = wider(state.pop("standardised.deviation")[None], fill=1.0)[0].double().numpy()
-        seen.var, seen.count = deviation**2 - streets.epsilon, _FOR_EVER
+    seen = cast(RunningMeanStd, streets.obs_rms)
+    seen.mean = wider(state.pop("standardised.mean")[None])[0].double().numpy()
+    deviation = wider(state.pop("standardised.deviation")[None], fill=1.0)[0].double().numpy()
+    # The policy's weights are right for these numbers, so they stay.
+    seen.var, seen.count = deviation**2 - streets.epsilon, _FOR_EVER
     actor.load_state_dict({**state, "0.weight": wider(state["0.weight"])})
 
 

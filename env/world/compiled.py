@@ -36,3 +36,11 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 def part(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function of the same module that kernels are made of; it is kept with them."""
     return njit(error_model="numpy")(function)
+
+
+def inlined_part(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function of the same module into its callers.
+
+    Called in an inner loop, it would count references to all its arrays.
+    """
+    return njit(error_model="numpy", inline="always")(function)

@@ -11,37 +11,18 @@ Source: J. Pineda, "A parallel algorithm for polygon rasterization", SIGGRAPH 19
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple, ParamSpec
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from env.world.compiled import inlined_part, kernel
 from env.world.scenery import Light, Poses, Scenery, Textures, Triangles
-from sfol.errors import missing_extra
 from vsr.segmentation import Frame
 
-try:
-    from numba import njit
-except ImportError as error:
-    raise missing_extra("numba", "the street's renderer needs it", extra="aeb") from error
-
 Array = npt.NDArray[np.float64]
-P = ParamSpec("P")
 
 _SLACK = 1e-5  # px by which triangles reach farther, so that no gap shows between two of them
-
-
-# Called, not inlined, functions of the inner loops would count references to all their arrays.
-_inlined = njit(error_model="numpy", inline="always")
-
-
-def _kept(function: Callable[P, None]) -> Callable[P, None]:
-    """Compile a function, and keep the code for later processes if some folder can be written."""
-    try:
-        return njit(error_model="numpy", cache=True)(function)
-    except RuntimeError:  # neither this folder nor the user's own for such files
-        return njit(error_model="numpy")(function)
 
 
 class View(NamedTuple):
@@ -142,7 +123,7 @@ def draw(
     return Frame(canvas.gray, canvas.classes, canvas.bodies)
 
 
-@_kept
+@kernel
 def _draw(canvas: _Canvas, parts: _Parts, sun: _Sun, view: View) -> None:
     """Draw all parts; of two at the same depth, the one that was built later shows."""
     triangles, pose = parts.triangles, np.empty((3, 4))
@@ -173,7 +154,7 @@ def _draw(canvas: _Canvas, parts: _Parts, sun: _Sun, view: View) -> None:
                     _fill_textured(canvas, polygon, corner, paint, parts.textures.texels)
 
 
-@_inlined
+@inlined_part
 def _set_pose(pose: Array, poses: Poses, part: int, view: View) -> None:
     """Write the map from a part's axes to (ahead, right, below) of the lens, in m."""
     cos_yaw, sin_yaw = math.cos(poses.yaws[part]), math.sin(poses.yaws[part])
@@ -186,7 +167,7 @@ def _set_pose(pose: Array, poses: Poses, part: int, view: View) -> None:
     pose[2, 3] = view.z - poses.places[part, 2]
 
 
-@_inlined
+@inlined_part
 def _apply(pose: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return a part's point as (ahead, right, below) of the lens, in m."""
     return (
@@ -196,21 +177,21 @@ def _apply(pose: Array, x: float, y: float, z: float) -> tuple[float, float, flo
     )
 
 
-@_inlined
+@inlined_part
 def _turn_back(vector: Array, pose: Array, ahead: float, right: float, below: float) -> None:
     """Write a direction along the lens's axes as one along a part's."""
     for axis in range(3):
         vector[axis] = pose[0, axis] * ahead + pose[1, axis] * right + pose[2, axis] * below
 
 
-@_inlined
+@inlined_part
 def _dot(vectors: Array, index: int, other: Array) -> float:
     return (
         vectors[index, 0] * other[0] + vectors[index, 1] * other[1] + vectors[index, 2] * other[2]
     )
 
 
-@_inlined
+@inlined_part
 def _is_out_of_view(
     pose: Array, triangles: Triangles, part: int, view: View, shape: tuple[int, int]
 ) -> bool:
@@ -223,7 +204,7 @@ def _is_out_of_view(
     return max(view.near - ahead, ahead - view.far, beside, above) > radius
 
 
-@_inlined
+@inlined_part
 def _see(seen: Array, pose: Array, triangles: Triangles, triangle: int) -> None:
     """Write a triangle's corners as (ahead, right, below, u, v)."""
     for corner in range(3):
@@ -235,7 +216,7 @@ def _see(seen: Array, pose: Array, triangles: Triangles, triangle: int) -> None:
         seen[corner, 4] = triangles.uvs[triangle, corner, 1]
 
 
-@_inlined
+@inlined_part
 def _clip(polygon: Array, seen: Array, near: float) -> int:
     """Write what of a triangle lies beyond the near plane; return its number of corners.
 
@@ -258,7 +239,7 @@ def _clip(polygon: Array, seen: Array, near: float) -> int:
     return count
 
 
-@_inlined
+@inlined_part
 def _project(polygon: Array, count: int, focal: float, shape: tuple[int, int]) -> None:
     """Turn corners into (column, row, 1/depth, u/depth, v/depth), all linear in the picture.
 
@@ -274,7 +255,7 @@ def _project(polygon: Array, count: int, focal: float, shape: tuple[int, int]) -
         polygon[corner, 4] *= nearness
 
 
-@_inlined
+@inlined_part
 def _gray(paint: _Paint, texels: npt.NDArray[np.uint8], u: float, v: float) -> int:
     """Return the grey value of a texture's point in this light, by ITU-R BT.601."""
     column = min(max(int((u - math.trunc(u)) * paint.width), 0), paint.width - 1)
@@ -286,7 +267,7 @@ def _gray(paint: _Paint, texels: npt.NDArray[np.uint8], u: float, v: float) -> i
     return (19595 * red + 38470 * green + 7471 * blue + 32768) >> 16
 
 
-@_inlined
+@inlined_part
 def _slope(polygon: Array, corner: int, axis: int) -> tuple[float, float, float]:
     """Return a value's change by column and by row, and the value in column 0 of row 0.
 
@@ -302,7 +283,7 @@ def _slope(polygon: Array, corner: int, axis: int) -> tuple[float, float, float]
     return by_column, by_row, value - by_column * x0 - by_row * y0
 
 
-@_inlined
+@inlined_part
 def _rows(polygon: Array, corner: int, shape: tuple[int, int]) -> tuple[int, int]:
     """Return the first row that a triangle may cover, and the one after the last."""
     last = corner - 1
@@ -315,7 +296,7 @@ def _rows(polygon: Array, corner: int, shape: tuple[int, int]) -> tuple[int, int
     return max(math.ceil(top), 0), min(math.floor(bottom), shape[0] - 1) + 1
 
 
-@_inlined
+@inlined_part
 def _columns(polygon: Array, corner: int, row: int, width: int) -> tuple[int, int]:
     """Return the first column that a triangle covers in a row, and the one after the last."""
     left, right = 0.0, width - 1.0
@@ -333,7 +314,7 @@ def _columns(polygon: Array, corner: int, row: int, width: int) -> tuple[int, in
     return math.ceil(left), math.floor(right) + 1
 
 
-@_inlined
+@inlined_part
 def _fill_plain(
     canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, texels: npt.NDArray[np.uint8]
 ) -> None:
@@ -355,7 +336,7 @@ def _fill_plain(
                 canvas.bodies[row, column] = paint.body
 
 
-@_inlined
+@inlined_part
 def _fill_textured(
     canvas: _Canvas, polygon: Array, corner: int, paint: _Paint, texels: npt.NDArray[np.uint8]
 ) -> None:
