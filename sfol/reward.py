@@ -26,7 +26,7 @@ from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import ScenesReader
-from sfol.observations.plans import Observation
+from sfol.observations.plans import Observation, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
@@ -280,6 +280,9 @@ class RewardFunction:
     ) -> Outcome | BatchOutcome:
         """Return the reward of a transition, with facts and signals read off its observations.
 
+        Facts are read off the observation before the action, or off the next one if the knowledge
+        base says `facts_at: next`.
+
         Args:
             observation: before the action, as for `observe`; or of B scenes, with arrays or torch
                 tensors that have an axis B before all others.
@@ -294,10 +297,11 @@ class RewardFunction:
         Raises:
             The errors of `observe`, `observe_signals` and `evaluate`.
         """
-        if self._scenes_reader.has_many(observation):
+        observed = read_for_facts(self.kb, observation, next_observation)
+        if self._scenes_reader.has_many(observed):
             return self._transitions(observation, action, next_observation, signals)
         given = self.observe_signals(observation, action, next_observation, **signals)
-        return self.evaluate(self.observe(observation), **given)
+        return self.evaluate(self.observe(observed), **given)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
@@ -337,8 +341,9 @@ class RewardFunction:
         """Return the reward of a transition and everything that it was made of.
 
         Args:
-            facts: what is known of the state before the action, or what `conclude` drew from it
-                with the same knowledge base; or a batch of B scenes.
+            facts: what is known of the state before the action (of the next one, where the
+                knowledge base says `facts_at: next`), or what `conclude` drew from it with the
+                same knowledge base; or a batch of B scenes.
             signals: a number for each signal of the knowledge base, in its unit; those with a
                 default may be left out. For a batch, numbers, or arrays or torch tensors (B,);
                 one tensor among signals, bounds, coefficients or parameters makes all of the

@@ -46,9 +46,9 @@ class RuleReward(
 
     Facts and signals are read off observations as the knowledge base says; functions may make them
     instead, or the signals that it does not read. A step is rewarded by the facts of the state
-    before it. ``info`` of every step gets ``reward_<term>`` (they sum to the reward),
-    ``weight_<name>``, ``confidence_<head>``, and the environment's own reward as
-    ``original_reward``.
+    before it, or of the state after it if the knowledge base says `facts_at: next`. ``info`` of
+    every step gets ``reward_<term>`` (they sum to the reward), ``weight_<name>``,
+    ``confidence_<head>``, and the environment's own reward as ``original_reward``.
 
     Args:
         env: any environment.
@@ -102,8 +102,11 @@ class RuleReward(
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
         transition = Transition(self._observation, action, observation, info)
-        outcome = self._reward.evaluate(self._facts, **self._signals(transition))
+        signals = self._signals(transition)
+        before = self._facts
         self._remember(observation, info)
+        facts = before if self._reward.kb.facts_at == "state" else self._facts
+        outcome = self._reward.evaluate(facts, **signals)
         info = {**info, **log_items(outcome), "original_reward": original}
         return observation, outcome.reward, terminated, truncated, info
 

@@ -119,6 +119,7 @@ class _Checker:
             observation=file.observation,
             entities=file.entities,
             facts=facts,
+            facts_at=file.facts_at,
             observed_signals=observed_signals,
             tests=tuple(file.tests),
             files=files,

@@ -312,6 +312,11 @@ class KnowledgeBaseFile(_Section):
         description="An atom with the sorts of its variables, such as Near(P in pedestrian, ego) → "
         "how true it is.",
     )
+    facts_at: Literal["state", "next"] = Field(
+        "state",
+        description="The facts that reward a step: those of the state before the action, or of the "
+        "`next` one, so that a state in which an episode ends is rewarded, too.",
+    )
     signals: dict[str, Signal] = Field(default_factory=dict, description="Numbers of a step.")
     weights: dict[str, Weight] = Field(default_factory=dict, description="Weights from rules.")
     terms: dict[str, Term] = Field(default_factory=dict, description="Summands of the reward.")

@@ -23,7 +23,8 @@ MAXIMUM_ATOMS = 100_000
 
 _Fields = Mapping[str, object]
 _Fault = tuple[str, str, str | None]  # what is wrong, the word that is, a suggestion
-_NOT_IN_FACTS, _BEFORE = "a fact can't read '{}'", "it is of the state before the action"
+_NOT_IN_FACTS = "a fact can't read '{}'"
+_ONE_STATE = "it is of one state; with facts_at: next, of the one after the action"
 
 
 class ObservationChecker:
@@ -251,7 +252,7 @@ class ObservationChecker:
         """Return what is wrong with the entities that a quantifier goes through."""
         *first, sort = entities.sort.split(".")
         if first == [NEXT] and not in_signal:
-            return _NOT_IN_FACTS.format(NEXT), NEXT, _BEFORE
+            return _NOT_IN_FACTS.format(NEXT), NEXT, _ONE_STATE
         if first not in ([], [NEXT]) or sort not in self._file.entities:
             hint = did_you_mean(sort, self._file.entities)
             return f"'{entities.sort}' is no sort", entities.sort, hint
@@ -265,7 +266,7 @@ class ObservationChecker:
         first, *rest = name.split(".")
         known: Set[str] = self._file.observation.keys()
         if first in (NEXT, ACTION) and not in_signal:
-            return _NOT_IN_FACTS.format(first), first, _BEFORE
+            return _NOT_IN_FACTS.format(first), first, _ONE_STATE
         if first == NEXT:
             known = known - {ACTION}
             first, *rest = rest or [""]

@@ -26,6 +26,7 @@ from sfol.observations.plans import (
     fits,
     part_at,
     plan_of,
+    read_for_facts,
     shape_of,
     under,
 )
@@ -141,7 +142,8 @@ class ScenesReader:
         """
         wholes = {"": observation, ACTION: action, NEXT: next_observation}
         signals = {name: plan for name, plan in self._signals.items() if name not in given}
-        facts = _Scenes(self._kb, wholes, FactError, [plan for _, plan in self._facts])
+        observed = {"": read_for_facts(self._kb, observation, next_observation)}
+        facts = _Scenes(self._kb, observed, FactError, [plan for _, plan in self._facts])
         others = _Scenes(self._kb, wholes, SignalError, [*signals.values()])
         leaves = [*facts.leaves, *others.leaves, *given.values(), *numbers]
         backend = arrays.backend_of(leaves)

@@ -110,6 +110,25 @@ def _reading(kb: KnowledgeBase, name: str) -> Reading:
     return Reading(name, whole, source, column)
 
 
+def read_for_facts(
+    kb: KnowledgeBase, observation: Observation, next_observation: Observation
+) -> Observation:
+    """Return the observation of a transition that facts are read off.
+
+    Raises:
+        FactError: it is the one after the action, and not given.
+    """
+    if kb.facts_at == "state":
+        return observation
+    if next_observation is None and kb.facts:
+        raise FactError(
+            f"{_WHOLES[NEXT]} is not given",
+            name=NEXT,
+            suggestion=f"facts_at of '{kb.name}' says that facts are read off it",
+        )
+    return next_observation
+
+
 def width_of(source: Source) -> int:
     """Return how many numbers a part has, in a row, at least."""
     return max(source.columns.values(), default=0) + 1

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from sfol.errors import SfolError
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.observations.plans import read_for_facts
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 
@@ -97,7 +98,7 @@ def written_out(reward: RewardFunction, case: Case) -> Case:
     if case.observation is None:
         return case
     signals = reward.observe_signals(case.observation, case.action, case.next, **case.signals)
-    facts = str(reward.observe(case.observation))
+    facts = str(reward.observe(read_for_facts(reward.kb, case.observation, case.next)))
     read = {"observation": None, "action": None, "next": None}
     return case.model_copy(update={"facts": facts, "signals": signals, **read})
 
