@@ -26,7 +26,7 @@ from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import ScenesReader
-from sfol.observations.plans import Observation, read_for_facts
+from sfol.observations.plans import Observation, Step, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
@@ -247,11 +247,14 @@ class RewardFunction:
         """
         return self._reader.facts(observation)
 
-    def observe_signals(
+    def observe_signals(  # noqa: PLR0913, PLR0917 (what env.step returns, in its order)
         self,
         observation: Observation,
         action: Observation = None,
         next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
         /,
         **given: float,
     ) -> dict[str, float]:
@@ -261,33 +264,47 @@ class RewardFunction:
             observation: before the action, as for `observe`.
             action: if a signal reads it.
             next_observation: after the action, if a signal reads it.
+            native: the environment's own reward, if a signal reads it.
+            terminated: whether the step terminated the episode, if a signal reads it.
+            truncated: whether the episode was truncated after it, if a signal reads it.
             given: signals by name, which are not read then.
 
         Raises:
-            SignalError: an observation or the action has another form than the knowledge base
-                says, or a number that is read, or a signal, is NaN.
+            SignalError: something that is read is not given or has another form than the knowledge
+                base says, or a number that is read, or a signal, is NaN.
         """
-        read = self._reader.signals(observation, action, next_observation, but=given)
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        return self._signals_of(step, given)
+
+    def _signals_of(self, step: Step, given: Mapping[str, float]) -> dict[str, float]:
+        read = self._reader.signals(step, but=given)
         return {**read, **given}
 
-    def transition(
+    def transition(  # noqa: PLR0913, PLR0917 (as above)
         self,
         observation: Observation,
         action: Observation = None,
         next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
         /,
         **signals: Array,
     ) -> Outcome | BatchOutcome:
         """Return the reward of a transition, with facts and signals read off its observations.
 
         Facts are read off the observation before the action, or off the next one if the knowledge
-        base says `facts_at: next`.
+        base says `facts_at: next`. Arguments are in the order of what ``env.step`` returns:
+        ``reward.transition(observation, action, *env.step(action)[:4])``.
 
         Args:
             observation: before the action, as for `observe`; or of B scenes, with arrays or torch
                 tensors that have an axis B before all others.
             action: if a signal reads it; of each scene.
-            next_observation: after the action, if a signal reads it; of each scene.
+            next_observation: after the action, if facts or a signal are read off it; of each scene.
+            native: the environment's own reward, if a signal reads it; of each scene.
+            terminated: whether the step terminated the episode, likewise.
+            truncated: whether the episode was truncated after it, likewise.
             signals: those that the knowledge base does not read, as for `evaluate`; a signal that
                 it would read may be given, too, and is not read then.
 
@@ -297,11 +314,11 @@ class RewardFunction:
         Raises:
             The errors of `observe`, `observe_signals` and `evaluate`.
         """
-        observed = read_for_facts(self.kb, observation, next_observation)
-        if self._scenes_reader.has_many(observed):
-            return self._transitions(observation, action, next_observation, signals)
-        given = self.observe_signals(observation, action, next_observation, **signals)
-        return self.evaluate(self.observe(observed), **given)
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        if self._scenes_reader.has_many(step):
+            return self._transitions(step, signals)
+        facts = self.observe(read_for_facts(self.kb, step))
+        return self.evaluate(facts, **self._signals_of(step, signals))
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
@@ -454,16 +471,8 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def _transitions(
-        self,
-        observation: Observation,
-        action: Observation,
-        next_observation: Observation,
-        given: Mapping[str, Array],
-    ) -> BatchOutcome:
-        scenes = self._scenes_reader.read(
-            observation, action, next_observation, given=given, numbers=self._all_numbers()
-        )
+    def _transitions(self, step: Step, given: Mapping[str, Array]) -> BatchOutcome:
+        scenes = self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
         signals = {
             name: _column(name, value, scenes.size)
             for name, value in self._given({**scenes.signals, **given}).items()

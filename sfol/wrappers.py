@@ -29,12 +29,18 @@ class Transition(Generic[Observation, Action]):
         observation: of s.
         action: a.
         next_observation: of s'.
+        native: the environment's own reward.
+        terminated: whether the step terminated the episode.
+        truncated: whether the episode was truncated after it.
         info: what the environment says of the step.
     """
 
     observation: Observation
     action: Action
     next_observation: Observation
+    native: SupportsFloat
+    terminated: bool
+    truncated: bool
     info: Mapping[str, Any]
 
 
@@ -101,7 +107,9 @@ class RuleReward(
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
-        transition = Transition(self._observation, action, observation, info)
+        transition = Transition(
+            self._observation, action, observation, original, terminated, truncated, info
+        )
         signals = self._signals(transition)
         before = self._facts
         self._remember(observation, info)
@@ -121,7 +129,13 @@ class RuleReward(
     def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
         given = {} if self._signals_of is None else self._signals_of(transition)
         return self._reward.observe_signals(
-            transition.observation, transition.action, transition.next_observation, **given
+            transition.observation,
+            transition.action,
+            transition.next_observation,
+            transition.native,
+            transition.terminated,
+            transition.truncated,
+            **given,
         )
 
 
