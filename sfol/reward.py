@@ -20,7 +20,7 @@ from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
 from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, expect, listed
-from sfol.facts import Facts
+from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
@@ -399,6 +399,21 @@ class RewardFunction:
         outcome = self._outcome(self._concluded(facts), values)
         return explain(self._engine, self.current(), outcome, values)
 
+    def weights(self, facts: Facts | Conclusions) -> dict[str, float]:
+        """Return the weights alone, which need no signals.
+
+        Args:
+            facts: as for `evaluate`, but not a batch.
+
+        Returns:
+            weight → w.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+            WorkLimitError: a rule has too many substitutions in the scene.
+        """
+        return self._weighed(self._confidences(self._bounds(self._concluded(facts))))
+
     def entity_weights(
         self, facts: Facts | Conclusions, entities: Iterable[str]
     ) -> dict[str, float]:
@@ -440,13 +455,22 @@ class RewardFunction:
             return facts
         return self._engine.conclude(_facts(facts))
 
-    def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
-        bounds = {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
-        confidences = {
+    def _bounds(self, conclusions: Conclusions) -> dict[str, Bound | None]:
+        return {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
+
+    def _weighed(self, confidences: Mapping[str, float]) -> dict[str, float]:
+        return {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+
+    def _confidences(self, bounds: Mapping[str, Bound | None]) -> dict[str, float]:
+        return {
             head: 0.0 if bound is None else self._confidence(*bound)
             for head, bound in bounds.items()
         }
-        weights = {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+
+    def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
+        bounds = self._bounds(conclusions)
+        confidences = self._confidences(bounds)
+        weights = self._weighed(confidences)
         terms = {
             name: self._term(term, weights, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
