@@ -25,7 +25,7 @@ from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
-from sfol.observations.many import ScenesReader
+from sfol.observations.many import Scenes, ScenesReader
 from sfol.observations.plans import Observation, Step, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
@@ -316,9 +316,27 @@ class RewardFunction:
         """
         step = Step(observation, action, next_observation, native, terminated, truncated)
         if self._scenes_reader.has_many(step):
-            return self._transitions(step, signals)
+            return self._of_scenes(step, signals)
         facts = self.observe(read_for_facts(self.kb, step))
         return self.evaluate(facts, **self._signals_of(step, signals))
+
+    def transitions(  # noqa: PLR0913, PLR0917 (as above)
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
+        /,
+        **signals: Array,
+    ) -> BatchOutcome:
+        """Return the rewards of B transitions, also where B is 1 and `transition` can't tell.
+
+        Args and errors are those of `transition`.
+        """
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        return self._of_scenes(step, signals)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
@@ -414,6 +432,27 @@ class RewardFunction:
         """
         return self._weighed(self._confidences(self._bounds(self._concluded(facts))))
 
+    def weights_of_many(self, observation: Observation, /) -> dict[str, Array]:
+        """Return the weights of B states, from facts that are read off observations of them.
+
+        Args:
+            observation: of B scenes, as for `transition`.
+
+        Returns:
+            weight → (B,).
+
+        Raises:
+            The errors of `observe`.
+        """
+        step = Step(observation, next_observation=observation)
+        # None of the signals is read.
+        scenes = self._scenes_reader.read(
+            step, given=dict.fromkeys(self.kb.signals, 0.0), numbers=self._all_numbers()
+        )
+        backend = scenes.backend
+        confidences = self._array_confidences(self._scene_bounds(scenes), backend)
+        return self._array_weights(confidences, backend.full(scenes.size, 0.0))
+
     def entity_weights(
         self, facts: Facts | Conclusions, entities: Iterable[str]
     ) -> dict[str, float]:
@@ -495,12 +534,16 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def _transitions(self, step: Step, given: Mapping[str, Array]) -> BatchOutcome:
+    def _of_scenes(self, step: Step, given: Mapping[str, Array]) -> BatchOutcome:
         scenes = self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
         signals = {
             name: _column(name, value, scenes.size)
             for name, value in self._given({**scenes.signals, **given}).items()
         }
+        bounds = self._scene_bounds(scenes)
+        return self._arrays_outcome(bounds, signals, scenes.size, scenes.backend)
+
+    def _scene_bounds(self, scenes: Scenes) -> dict[str, Bounds]:
         backend, dense = scenes.backend, self._dense
         blocks: dict[tuple[str, tuple[str, ...]], Bounds] = {}
         for atom in self.kb.background:
@@ -512,8 +555,7 @@ class RewardFunction:
             blocks[predicate, dense.domains.of_slots(slots)] = Bounds(*block)
         sizes = {**dense.domains.sizes, **scenes.sizes}
         concluded = dense.conclude(blocks, backend, sizes)
-        bounds = dense.of_subject(concluded, backend, scenes.size)
-        return self._arrays_outcome(bounds, signals, scenes.size, backend)
+        return dense.of_subject(concluded, backend, scenes.size)
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:
@@ -525,7 +567,7 @@ class RewardFunction:
 
     def _all_numbers(self) -> list[Array]:
         groups = (*self.coefficients.values(), *self.parameters.values())
-        return [number for group in groups for number in group.values()]
+        return [number for group in groups for number in group.plain.values()]
 
     def _arrays_outcome(
         self,
@@ -538,17 +580,25 @@ class RewardFunction:
             name: backend.real(value) if arrays.is_array(value) else value
             for name, value in given.items()
         }
-        confidences = {
-            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
-            for head, b in bounds.items()
-        }
+        confidences = self._array_confidences(bounds, backend)
         zeros = backend.full(size, 0.0)
-        weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
+        weights = self._array_weights(confidences, zeros)
         terms = {
             name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))
             for name, term in self.kb.terms.items()
         }
         return BatchOutcome(_total(terms, zeros), terms, weights, confidences, bounds)
+
+    def _array_confidences(
+        self, bounds: Mapping[str, Bounds], backend: Backend
+    ) -> dict[str, Array]:
+        return {
+            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
+            for head, b in bounds.items()
+        }
+
+    def _array_weights(self, confidences: Mapping[str, Array], zeros: Array) -> dict[str, Array]:
+        return {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
 
     def _weight(self, name: str, confidences: Mapping[str, Array]) -> Array:
         # A head whose rules an overlay removed has no confidence and contributes nothing.

@@ -17,7 +17,7 @@ from sfol import arrays
 from sfol.arrays import Array, Backend
 from sfol.errors import FactError, SignalError
 from sfol.formula import Entities
-from sfol.knowledge_base import KnowledgeBase, ObservedFact
+from sfol.knowledge_base import KnowledgeBase, ObservedFact, Source
 from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
@@ -147,8 +147,8 @@ class ScenesReader:
         """
         signals = {name: plan for name, plan in self._signals.items() if name not in given}
         observed = {"": read_for_facts(self._kb, step)}
-        facts = _Scenes(self._kb, observed, FactError, [plan for _, plan in self._facts])
-        others = _Scenes(self._kb, step.wholes, SignalError, [*signals.values()])
+        facts = _Scenes(self._sources, observed, FactError, [plan for _, plan in self._facts])
+        others = _Scenes(self._sources, step.wholes, SignalError, [*signals.values()])
         leaves = [*facts.leaves, *others.leaves, *given.values(), *numbers]
         backend = arrays.backend_of(leaves)
         size = _size([*facts.leaves, *others.leaves])
@@ -202,7 +202,7 @@ class _Scenes:
     """What is read of the observations: arrays as they were given, then turned.
 
     Args:
-        kb: the knowledge base.
+        sources: the parts of an observation, and of a step.
         wholes: the observations and the actions.
         error: what is raised where something has another form.
         plans: of the formulas.
@@ -210,12 +210,12 @@ class _Scenes:
 
     def __init__(
         self,
-        kb: KnowledgeBase,
+        sources: Mapping[str, Source],
         wholes: Mapping[str, Observation],
         error: Error,
         plans: Sequence[Plan],
     ) -> None:
-        self._sources = with_step(kb.observation)
+        self._sources = sources
         self._wholes = wholes
         self._error = error
         self._plans = plans

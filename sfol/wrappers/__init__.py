@@ -9,5 +9,6 @@ except ImportError as error:
 
 from sfol.wrappers.modes import EPISODE, log_items
 from sfol.wrappers.single import RuleReward, Transition
+from sfol.wrappers.vector import VectorRuleReward
 
-__all__ = ["EPISODE", "RuleReward", "Transition", "log_items"]
+__all__ = ["EPISODE", "RuleReward", "Transition", "VectorRuleReward", "log_items"]

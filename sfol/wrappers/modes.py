@@ -12,7 +12,7 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.observations.plans import plan_of
-from sfol.outcome import Outcome
+from sfol.outcome import BatchOutcome, Outcome
 from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
@@ -51,7 +51,7 @@ class EpisodeSums:
     """Sums over the steps of an episode: numbers, or arrays (B,) for B environments."""
 
     def __init__(self) -> None:
-        self._totals: dict[str, Array] = {"return": 0.0, "original_return": 0.0, "length": 0}
+        self._totals: dict[str, Array] = {}
         self._terms: dict[str, Array] = {}
 
     def add(
@@ -66,8 +66,13 @@ class EpisodeSums:
             steps: 0 where no step was taken.
         """
         new = {"return": value, "original_return": original, "length": steps}
-        self._totals = {name: old + new[name] for name, old in self._totals.items()}
-        self._terms = {name: self._terms.get(name, 0.0) + term for name, term in terms.items()}
+        self._totals = {name: self._totals.get(name, 0) + item for name, item in new.items()}
+        self._terms = {name: self._terms.get(name, 0) + item for name, item in terms.items()}
+
+    def restart(self, ended: Array) -> None:
+        """Begin anew where an episode has ended, of B environments."""
+        for sums in (*self._totals.values(), *self._terms.values()):
+            sums[ended] = 0
 
     def items(self) -> dict[str, Any]:
         """Return ``return``, ``original_return``, ``length`` and, by name, ``terms``."""
@@ -155,14 +160,14 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
 
 
-def log_items(outcome: Outcome) -> dict[str, float]:
+def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
     """Return the parts of an outcome under the names that loggers get.
 
     Args:
-        outcome: of one step.
+        outcome: of one step, or of B steps.
 
     Returns:
-        ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
+        Numbers, or arrays (B,): ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
     """
     return named(reward=outcome.terms, weight=outcome.weights, confidence=outcome.confidences)
 
