@@ -245,7 +245,7 @@ class _Numpy(Backend):
 
     @staticmethod
     def broadcast(values: Array, shape: tuple[int, ...]) -> Array:
-        return np.broadcast_to(values, shape)
+        return values if values.shape == shape else np.broadcast_to(values, shape)
 
     @staticmethod
     def any_along(values: Array, axis: int) -> Array:
@@ -464,8 +464,14 @@ class _Torch(Backend):
 BACKENDS: tuple[type[Backend], ...] = (_Torch, _Numpy)
 
 
+_NUMBERS_AND_NUMPY = frozenset({float, int, bool, np.ndarray})
+
+
 def _kind_of(values: Sequence[Array]) -> type[Backend] | None:
     """Return the class of backend that takes some values; None where all are plain numbers."""
+    types = set(map(type, values))
+    if types <= _NUMBERS_AND_NUMPY:  # as most are, and asking every backend takes longer
+        return _Numpy if np.ndarray in types else None
     for kind in BACKENDS:
         if any(map(kind.owns, values)):
             return kind

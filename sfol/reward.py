@@ -20,13 +20,13 @@ from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
 from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, expect, listed
-from sfol.facts import Facts
+from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
-from sfol.observations.many import ScenesReader
-from sfol.observations.plans import Observation
+from sfol.observations.many import Scenes, ScenesReader
+from sfol.observations.plans import Observation, Step, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
@@ -247,11 +247,14 @@ class RewardFunction:
         """
         return self._reader.facts(observation)
 
-    def observe_signals(
+    def observe_signals(  # noqa: PLR0913, PLR0917 (what env.step returns, in its order)
         self,
         observation: Observation,
         action: Observation = None,
         next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
         /,
         **given: float,
     ) -> dict[str, float]:
@@ -261,30 +264,47 @@ class RewardFunction:
             observation: before the action, as for `observe`.
             action: if a signal reads it.
             next_observation: after the action, if a signal reads it.
+            native: the environment's own reward, if a signal reads it.
+            terminated: whether the step terminated the episode, if a signal reads it.
+            truncated: whether the episode was truncated after it, if a signal reads it.
             given: signals by name, which are not read then.
 
         Raises:
-            SignalError: an observation or the action has another form than the knowledge base
-                says, or a number that is read, or a signal, is NaN.
+            SignalError: something that is read is not given or has another form than the knowledge
+                base says, or a number that is read, or a signal, is NaN.
         """
-        read = self._reader.signals(observation, action, next_observation, but=given)
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        return self._signals_of(step, given)
+
+    def _signals_of(self, step: Step, given: Mapping[str, float]) -> dict[str, float]:
+        read = self._reader.signals(step, but=given)
         return {**read, **given}
 
-    def transition(
+    def transition(  # noqa: PLR0913, PLR0917 (as above)
         self,
         observation: Observation,
         action: Observation = None,
         next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
         /,
         **signals: Array,
     ) -> Outcome | BatchOutcome:
         """Return the reward of a transition, with facts and signals read off its observations.
 
+        Facts are read off the observation before the action, or off the next one if the knowledge
+        base says `facts_at: next`. Arguments are in the order of what ``env.step`` returns:
+        ``reward.transition(observation, action, *env.step(action)[:4])``.
+
         Args:
             observation: before the action, as for `observe`; or of B scenes, with arrays or torch
                 tensors that have an axis B before all others.
             action: if a signal reads it; of each scene.
-            next_observation: after the action, if a signal reads it; of each scene.
+            next_observation: after the action, if facts or a signal are read off it; of each scene.
+            native: the environment's own reward, if a signal reads it; of each scene.
+            terminated: whether the step terminated the episode, likewise.
+            truncated: whether the episode was truncated after it, likewise.
             signals: those that the knowledge base does not read, as for `evaluate`; a signal that
                 it would read may be given, too, and is not read then.
 
@@ -294,10 +314,29 @@ class RewardFunction:
         Raises:
             The errors of `observe`, `observe_signals` and `evaluate`.
         """
-        if self._scenes_reader.has_many(observation):
-            return self._transitions(observation, action, next_observation, signals)
-        given = self.observe_signals(observation, action, next_observation, **signals)
-        return self.evaluate(self.observe(observation), **given)
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        if self._scenes_reader.has_many(step):
+            return self._of_scenes(step, signals)
+        facts = self.observe(read_for_facts(self.kb, step))
+        return self.evaluate(facts, **self._signals_of(step, signals))
+
+    def transitions(  # noqa: PLR0913, PLR0917 (as above)
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
+        /,
+        **signals: Array,
+    ) -> BatchOutcome:
+        """Return the rewards of B transitions, also where B is 1 and `transition` can't tell.
+
+        Args and errors are those of `transition`.
+        """
+        step = Step(observation, action, next_observation, native, terminated, truncated)
+        return self._of_scenes(step, signals)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.
@@ -337,8 +376,9 @@ class RewardFunction:
         """Return the reward of a transition and everything that it was made of.
 
         Args:
-            facts: what is known of the state before the action, or what `conclude` drew from it
-                with the same knowledge base; or a batch of B scenes.
+            facts: what is known of the state before the action (of the next one, where the
+                knowledge base says `facts_at: next`), or what `conclude` drew from it with the
+                same knowledge base; or a batch of B scenes.
             signals: a number for each signal of the knowledge base, in its unit; those with a
                 default may be left out. For a batch, numbers, or arrays or torch tensors (B,);
                 one tensor among signals, bounds, coefficients or parameters makes all of the
@@ -376,6 +416,42 @@ class RewardFunction:
         values = _single(self._given(signals))
         outcome = self._outcome(self._concluded(facts), values)
         return explain(self._engine, self.current(), outcome, values)
+
+    def weights(self, facts: Facts | Conclusions) -> dict[str, float]:
+        """Return the weights alone, which need no signals.
+
+        Args:
+            facts: as for `evaluate`, but not a batch.
+
+        Returns:
+            weight → w.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+            WorkLimitError: a rule has too many substitutions in the scene.
+        """
+        return self._weighed(self._confidences(self._bounds(self._concluded(facts))))
+
+    def weights_of_many(self, observation: Observation, /) -> dict[str, Array]:
+        """Return the weights of B states, from facts that are read off observations of them.
+
+        Args:
+            observation: of B scenes, as for `transition`.
+
+        Returns:
+            weight → (B,).
+
+        Raises:
+            The errors of `observe`.
+        """
+        step = Step(observation, next_observation=observation)
+        # None of the signals is read.
+        scenes = self._scenes_reader.read(
+            step, given=dict.fromkeys(self.kb.signals, 0.0), numbers=self._all_numbers()
+        )
+        backend = scenes.backend
+        confidences = self._array_confidences(self._scene_bounds(scenes), backend)
+        return self._array_weights(confidences, backend.full(scenes.size, 0.0))
 
     def entity_weights(
         self, facts: Facts | Conclusions, entities: Iterable[str]
@@ -418,13 +494,22 @@ class RewardFunction:
             return facts
         return self._engine.conclude(_facts(facts))
 
-    def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
-        bounds = {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
-        confidences = {
+    def _bounds(self, conclusions: Conclusions) -> dict[str, Bound | None]:
+        return {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
+
+    def _weighed(self, confidences: Mapping[str, float]) -> dict[str, float]:
+        return {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+
+    def _confidences(self, bounds: Mapping[str, Bound | None]) -> dict[str, float]:
+        return {
             head: 0.0 if bound is None else self._confidence(*bound)
             for head, bound in bounds.items()
         }
-        weights = {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+
+    def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
+        bounds = self._bounds(conclusions)
+        confidences = self._confidences(bounds)
+        weights = self._weighed(confidences)
         terms = {
             name: self._term(term, weights, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
@@ -449,20 +534,16 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def _transitions(
-        self,
-        observation: Observation,
-        action: Observation,
-        next_observation: Observation,
-        given: Mapping[str, Array],
-    ) -> BatchOutcome:
-        scenes = self._scenes_reader.read(
-            observation, action, next_observation, given=given, numbers=self._all_numbers()
-        )
+    def _of_scenes(self, step: Step, given: Mapping[str, Array]) -> BatchOutcome:
+        scenes = self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
         signals = {
             name: _column(name, value, scenes.size)
             for name, value in self._given({**scenes.signals, **given}).items()
         }
+        bounds = self._scene_bounds(scenes)
+        return self._arrays_outcome(bounds, signals, scenes.size, scenes.backend)
+
+    def _scene_bounds(self, scenes: Scenes) -> dict[str, Bounds]:
         backend, dense = scenes.backend, self._dense
         blocks: dict[tuple[str, tuple[str, ...]], Bounds] = {}
         for atom in self.kb.background:
@@ -474,8 +555,7 @@ class RewardFunction:
             blocks[predicate, dense.domains.of_slots(slots)] = Bounds(*block)
         sizes = {**dense.domains.sizes, **scenes.sizes}
         concluded = dense.conclude(blocks, backend, sizes)
-        bounds = dense.of_subject(concluded, backend, scenes.size)
-        return self._arrays_outcome(bounds, signals, scenes.size, backend)
+        return dense.of_subject(concluded, backend, scenes.size)
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:
@@ -487,7 +567,7 @@ class RewardFunction:
 
     def _all_numbers(self) -> list[Array]:
         groups = (*self.coefficients.values(), *self.parameters.values())
-        return [number for group in groups for number in group.values()]
+        return [number for group in groups for number in group.plain.values()]
 
     def _arrays_outcome(
         self,
@@ -500,17 +580,25 @@ class RewardFunction:
             name: backend.real(value) if arrays.is_array(value) else value
             for name, value in given.items()
         }
-        confidences = {
-            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
-            for head, b in bounds.items()
-        }
+        confidences = self._array_confidences(bounds, backend)
         zeros = backend.full(size, 0.0)
-        weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
+        weights = self._array_weights(confidences, zeros)
         terms = {
             name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))
             for name, term in self.kb.terms.items()
         }
         return BatchOutcome(_total(terms, zeros), terms, weights, confidences, bounds)
+
+    def _array_confidences(
+        self, bounds: Mapping[str, Bounds], backend: Backend
+    ) -> dict[str, Array]:
+        return {
+            head: backend.where(b.known, self._confidence(b.lower, b.upper), 0.0)
+            for head, b in bounds.items()
+        }
+
+    def _array_weights(self, confidences: Mapping[str, Array], zeros: Array) -> dict[str, Array]:
+        return {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
 
     def _weight(self, name: str, confidences: Mapping[str, Array]) -> Array:
         # A head whose rules an overlay removed has no confidence and contributes nothing.

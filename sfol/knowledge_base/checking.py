@@ -21,7 +21,7 @@ from sfol.knowledge_base.format import (
     RuleEntry,
     Term,
 )
-from sfol.knowledge_base.observing import ObservationChecker
+from sfol.knowledge_base.observing import STEP, ObservationChecker
 from sfol.knowledge_base.parts import (
     EntityCondition,
     Parts,
@@ -119,6 +119,7 @@ class _Checker:
             observation=file.observation,
             entities=file.entities,
             facts=facts,
+            facts_at=file.facts_at,
             observed_signals=observed_signals,
             tests=tuple(file.tests),
             files=files,
@@ -366,7 +367,7 @@ class _Checker:
     def _check_observed(self, path: Path, case: Case) -> None:
         """Check what a test observes; whether it has the parts that are read, its run shows."""
         if case.observation is None:
-            for key in case.model_fields_set & {"action", "next"}:
+            for key in case.model_fields_set & {"action", "next", *STEP}:
                 self._reporter.report(
                     (*path, key),
                     f"the test has '{key}' without an observation",

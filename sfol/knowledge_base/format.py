@@ -172,7 +172,8 @@ class Signal(_Section):
         None,
         alias="from",
         description="A formula over the observation before the action, as ego.speed, after it, as "
-        "next.ego.speed, and the action.",
+        "next.ego.speed, and the action; `native`, `terminated` and `truncated` are the "
+        "environment's own reward of the step, and whether it ended the episode (1) or not (0).",
     )
 
 
@@ -246,6 +247,13 @@ class Case(_Section):
     next: Observed | None = Field(
         None, description="The observation after the action, for signals that read it."
     )
+    native: float | None = Field(
+        None, description="The environment's own reward, for signals that read it."
+    )
+    terminated: bool | None = Field(
+        None, description="Whether the step terminated the episode, for signals that read it."
+    )
+    truncated: bool | None = Field(None, description="Whether it was truncated there, likewise.")
     signals: dict[str, float] = Field(default_factory=dict, description="Signal → number.")
     expect: Expectation = Field(description="What must come out, within 1e-9.")
 
@@ -311,6 +319,11 @@ class KnowledgeBaseFile(_Section):
         default_factory=dict,
         description="An atom with the sorts of its variables, such as Near(P in pedestrian, ego) → "
         "how true it is.",
+    )
+    facts_at: Literal["state", "next"] = Field(
+        "state",
+        description="The facts that reward a step: those of the state before the action, or of the "
+        "`next` one, so that a state in which an episode ends is rewarded, too.",
     )
     signals: dict[str, Signal] = Field(default_factory=dict, description="Numbers of a step.")
     weights: dict[str, Weight] = Field(default_factory=dict, description="Weights from rules.")

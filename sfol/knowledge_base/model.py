@@ -41,6 +41,8 @@ class KnowledgeBase(Parts):
         observation: parts of what the environment gives, by name.
         entities: sorts of entities in it, by name.
         facts: how facts are read off it.
+        facts_at: whether a step is rewarded by the facts of the state before the action, or of the
+            next one.
         observed_signals: how signals are, by name.
         tests: cases of the last file; inherited ones do not run for an overlay.
         files: the files that it was made from, in the order in which they were applied.
@@ -139,6 +141,7 @@ class KnowledgeBase(Parts):
             "observation": {name: source.model_dump() for name, source in self.observation.items()},
             "entities": {name: [s.tables, s.at_most] for name, s in self.entities.items()},
             "facts": {f.text: [f.formula.text, f.exact, f.at_least] for f in self.facts},
+            "facts_at": "" if self.facts_at == "state" else self.facts_at,
             "observed": {name: f.text for name, f in self.observed_signals.items()},
         }
         return {name: content for name, content in meaning.items() if content}

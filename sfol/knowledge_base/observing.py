@@ -18,12 +18,15 @@ from sfol.knowledge_base.reporting import Path, Reporter
 from sfol.syntax import Atom, is_name, is_variable, parse_sorted_signature
 
 ACTION, NEXT = "action", "next"
+# What signals may read of a step beside observations and the action: one number each.
+STEP = ("native", "terminated", "truncated")
 MAXIMUM_ENTITIES = 10_000
 MAXIMUM_ATOMS = 100_000
 
 _Fields = Mapping[str, object]
 _Fault = tuple[str, str, str | None]  # what is wrong, the word that is, a suggestion
-_NOT_IN_FACTS, _BEFORE = "a fact can't read '{}'", "it is of the state before the action"
+_NOT_IN_FACTS = "a fact can't read '{}'"
+_ONE_STATE = "it is of the state before the action or, with facts_at: next, of the one after it"
 
 
 class ObservationChecker:
@@ -37,6 +40,7 @@ class ObservationChecker:
     def __init__(self, file: KnowledgeBaseFile, reporter: Reporter) -> None:
         self._file = file
         self._reporter = reporter
+        self._sources = with_step(file.observation)
         self._tables = set(chain.from_iterable(sort.tables for sort in file.entities.values()))
         self._names: dict[str, str] = {}  # name of an entity → its sort
         self._fields: dict[str, _Fields] = {}  # sort → fields of its entities
@@ -96,12 +100,13 @@ class ObservationChecker:
 
     def _check_source(self, name: str, source: Source) -> None:
         path = ("observation", name)
-        if name == NEXT or name[:1].isupper():
+        if name in (NEXT, *STEP) or name[:1].isupper():
             self._report(
                 path,
                 f"a part of the observation can't be called '{name}'",
                 name,
-                "names begin with a lower-case letter; 'next' is the observation after the action",
+                "names begin with a lower-case letter; 'next' is the observation after the action, "
+                f"and {', '.join(STEP)} are of the step",
             )
         else:
             self._reporter.parsed(path, check_formula_name, name)
@@ -251,7 +256,7 @@ class ObservationChecker:
         """Return what is wrong with the entities that a quantifier goes through."""
         *first, sort = entities.sort.split(".")
         if first == [NEXT] and not in_signal:
-            return _NOT_IN_FACTS.format(NEXT), NEXT, _BEFORE
+            return _NOT_IN_FACTS.format(NEXT), NEXT, _ONE_STATE
         if first not in ([], [NEXT]) or sort not in self._file.entities:
             hint = did_you_mean(sort, self._file.entities)
             return f"'{entities.sort}' is no sort", entities.sort, hint
@@ -263,11 +268,11 @@ class ObservationChecker:
     def _fault(self, name: str, sorts: Mapping[str, str], *, in_signal: bool) -> _Fault | None:
         """Return what is wrong with a name of a formula."""
         first, *rest = name.split(".")
-        known: Set[str] = self._file.observation.keys()
-        if first in (NEXT, ACTION) and not in_signal:
-            return _NOT_IN_FACTS.format(first), first, _BEFORE
+        known: Set[str] = self._sources.keys()
+        if first in (NEXT, ACTION, *STEP) and not in_signal:
+            return _NOT_IN_FACTS.format(first), first, _ONE_STATE
         if first == NEXT:
-            known = known - {ACTION}
+            known = known - {ACTION, *STEP}
             first, *rest = rest or [""]
         if is_variable(first or "x"):
             if first not in sorts:
@@ -279,7 +284,7 @@ class ObservationChecker:
             return message, first, did_you_mean(first, known)
         if first in self._tables:
             return f"'{first}' is a table", first, "a variable of a sort reads its rows, as in P.x"
-        columns = self._file.observation[first].columns
+        columns = self._sources[first].columns
         return self._field_fault(first, rest, columns or {"": 0})
 
     @staticmethod
@@ -297,6 +302,11 @@ class ObservationChecker:
         self, path: Path, message: str, name: str, suggestion: str | None = None, offset: int = 0
     ) -> None:
         self._reporter.report(path, message, name, suggestion, offset)
+
+
+def with_step(observation: Mapping[str, Source]) -> dict[str, Source]:
+    """Return the parts of an observation by name, and those of a step beside it."""
+    return {**observation, **dict.fromkeys(STEP, Source())}
 
 
 def entity_names(name: str, sort: Sort) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from sfol.clauses import Body, Clause
 from sfol.formula import Formula
@@ -129,6 +130,7 @@ class Parts:
     observation: Mapping[str, Source] = field(default_factory=dict)
     entities: Mapping[str, Sort] = field(default_factory=dict)
     facts: tuple[ObservedFact, ...] = ()
+    facts_at: Literal["state", "next"] = "state"
     observed_signals: Mapping[str, Formula] = field(default_factory=dict)
     tests: tuple[Case, ...] = ()
     files: tuple[str, ...] = ()

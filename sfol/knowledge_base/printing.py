@@ -47,6 +47,7 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "observation": {name: _said(source) for name, source in kb.observation.items()},
         "entities": {name: _said(sort) for name, sort in kb.entities.items()},
         "facts": {fact.text: _fact(fact) for fact in kb.facts},
+        "facts_at": "" if kb.facts_at == "state" else kb.facts_at,
         "signals": {name: _said(signal) for name, signal in kb.signals.items()},
         "weights": {
             name: {**_said(weight), "coefficients": _with_rules(kb, weight.coefficients)}

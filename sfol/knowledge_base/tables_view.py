@@ -84,7 +84,9 @@ def _observed(kb: KnowledgeBase) -> Iterator[Table]:
         )
     if kb.facts:
         yield _table(
-            "Facts",
+            "Facts of the state before the action"
+            if kb.facts_at == "state"
+            else "Facts of the state after the action",
             ("atom", "formula", "bounds", "at least"),
             (
                 (f.text, f.formula.text, "exact" if f.exact else "margin", f"{f.at_least:g}")

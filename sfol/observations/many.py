@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,21 +17,25 @@ from sfol import arrays
 from sfol.arrays import Array, Backend
 from sfol.errors import FactError, SignalError
 from sfol.formula import Entities
-from sfol.knowledge_base import KnowledgeBase, ObservedFact
-from sfol.knowledge_base.observing import ACTION, NEXT
+from sfol.knowledge_base import KnowledgeBase, ObservedFact, Source
+from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
     Observation,
     Plan,
     Range,
+    Step,
     fits,
     part_at,
     plan_of,
+    read_for_facts,
     shape_of,
     under,
 )
 from sfol.operators import least
 
+_FACTS = "facts"  # the observation that facts are read off, beside the wholes of a step
+_PartName = tuple[str, str, bool]  # which whole, which part of it, and whether that is a table
 Key = tuple[str, tuple[str, ...]]  # a predicate, and for each argument its sort or constant
 
 
@@ -83,6 +88,7 @@ class ScenesReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
+        self._sources = with_step(kb.observation)
         self._facts = [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts]
         self._signals = {name: plan_of(kb, f) for name, f in kb.observed_signals.items()}
 
@@ -91,22 +97,19 @@ class ScenesReader:
         """The keys of the blocks that are read."""
         return [(fact.atom.predicate, fact.slots[1:]) for fact in self._kb.facts]
 
-    def has_many(self, observation: Observation) -> bool:
-        """Tell whether an observation is of many scenes.
+    def has_many(self, step: Step) -> bool:
+        """Tell whether a step is of many scenes.
 
         The first part that is a table or has fields shows it by its number of axes. Where all parts
         are single numbers, one that is an array of several numbers does.
         """
-        parts = dict.fromkeys(
-            (source, of_rows)
-            for plan in (*(plan for _, plan in self._facts), *self._signals.values())
-            for name, source, of_rows in _parts_of(plan)
-            if not name
-        )
-        shaped = [p for p in parts if p[1] or self._kb.observation[p[0]].columns]
-        for source, of_rows in shaped[:1] or parts:
-            spec = self._kb.observation[source]
-            part = part_at(observation, spec.path, "", FactError)
+        wholes = {**step.wholes, _FACTS: read_for_facts(self._kb, step)}
+        parts = [part for part in self._parts if wholes[part[0]] is not None]
+        shaped = [p for p in parts if p[2] or self._sources[p[1]].columns]
+        for name, source, of_rows in shaped[:1] or parts:
+            spec = self._sources[source]
+            whole = "" if name == _FACTS else name
+            part = part_at(wholes[name], spec.path, whole, FactError)
             by_name = isinstance(part, Mapping)
             shape = _shape(next(iter(part.values()), 0.0) if by_name else part)
             if shaped:
@@ -115,22 +118,25 @@ class ScenesReader:
                 return True
         return False
 
+    @cached_property  # asked at every step
+    def _parts(self) -> list[_PartName]:
+        """What formulas read: first of the observation that facts are read off."""
+        facts = [part for _, plan in self._facts for part in _parts_of(plan)]
+        signals = [part for plan in self._signals.values() for part in _parts_of(plan)]
+        own = [(_FACTS, source, of_rows) for _, source, of_rows in facts]
+        return [*dict.fromkeys([*own, *sorted(signals, key=lambda part: part[0] != "")])]
+
     def read(
         self,
-        observation: Observation,
-        action: Observation,
-        next_observation: Observation,
+        step: Step,
         *,
         given: Mapping[str, Array],
         numbers: Sequence[Array] = (),
     ) -> Scenes:
-        """Return the facts and signals of B transitions.
+        """Return the facts and signals of B steps.
 
         Args:
-            observation: before the action: arrays as the knowledge base says, with an axis B before
-                all others.
-            action: the same, or None where no signal reads it.
-            next_observation: after the action, or None where no signal reads it.
+            step: arrays as the knowledge base says, with an axis B before all others.
             given: signals that are not read.
             numbers: others of the computation, whose library of arrays counts, too.
 
@@ -139,10 +145,10 @@ class ScenesReader:
                 confidence is not from 0 to 1.
             SignalError: the same of what signals read, or a signal is NaN.
         """
-        wholes = {"": observation, ACTION: action, NEXT: next_observation}
         signals = {name: plan for name, plan in self._signals.items() if name not in given}
-        facts = _Scenes(self._kb, wholes, FactError, [plan for _, plan in self._facts])
-        others = _Scenes(self._kb, wholes, SignalError, [*signals.values()])
+        observed = {"": read_for_facts(self._kb, step)}
+        facts = _Scenes(self._sources, observed, FactError, [plan for _, plan in self._facts])
+        others = _Scenes(self._sources, step.wholes, SignalError, [*signals.values()])
         leaves = [*facts.leaves, *others.leaves, *given.values(), *numbers]
         backend = arrays.backend_of(leaves)
         size = _size([*facts.leaves, *others.leaves])
@@ -161,7 +167,7 @@ class ScenesReader:
         )
 
 
-def _parts_of(plan: Plan) -> Iterator[tuple[str, str, bool]]:
+def _parts_of(plan: Plan) -> Iterator[_PartName]:
     """Yield what a formula reads: which whole, which part of it, and whether that is a table."""
     for entities in (*plan.variables, *plan.quantified.values()):
         yield from ((entities.whole, table, True) for table in entities.sort.tables)
@@ -196,7 +202,7 @@ class _Scenes:
     """What is read of the observations: arrays as they were given, then turned.
 
     Args:
-        kb: the knowledge base.
+        sources: the parts of an observation, and of a step.
         wholes: the observations and the actions.
         error: what is raised where something has another form.
         plans: of the formulas.
@@ -204,12 +210,12 @@ class _Scenes:
 
     def __init__(
         self,
-        kb: KnowledgeBase,
+        sources: Mapping[str, Source],
         wholes: Mapping[str, Observation],
         error: Error,
         plans: Sequence[Plan],
     ) -> None:
-        self._kb = kb
+        self._sources = sources
         self._wholes = wholes
         self._error = error
         self._plans = plans
@@ -218,7 +224,7 @@ class _Scenes:
         self._masks = {
             (name, source): self._array(part_at(wholes[name], mask, name, error), source)
             for name, source, of_rows in parts
-            if of_rows and (mask := kb.observation[source].mask) is not None
+            if of_rows and (mask := self._sources[source].mask) is not None
         }
         self._parts: dict[tuple[str, str], _Part] = {}
         self.sizes: dict[str, int] = {}
@@ -282,8 +288,8 @@ class _Scenes:
 
     def _columns(self, name: str, source: str, of_rows: bool) -> list[Array]:
         """Return the arrays of a part: one for all fields, or one for each."""
-        whole = part_at(self._wholes[name], self._kb.observation[source].path, name, self._error)
-        fields = self._kb.observation[source].fields
+        spec = self._sources[source]
+        whole, fields = part_at(self._wholes[name], spec.path, name, self._error), spec.fields
         if isinstance(whole, Mapping) and isinstance(fields, list):
             columns = [
                 self._array(under(whole, field, source, self._error), source) for field in fields
@@ -294,7 +300,6 @@ class _Scenes:
                 raise self._misshapen(source, shown, "(B, n)" if of_rows else "(B,)")
             return columns
         array = self._array(whole, source)
-        spec = self._kb.observation[source]
         before = ["B", "n"] if of_rows else ["B"]
         if not spec.columns and array.ndim == 1 + of_rows:
             array = array[..., None]
@@ -320,7 +325,7 @@ class _Scenes:
             numbers = backend.stacked([backend.turned(backend.real(c)) for c in columns])
         if not of_rows:
             return _Part(numbers, None)
-        spec, mask = self._kb.observation[source], self._masks.get((name, source))
+        spec, mask = self._sources[source], self._masks.get((name, source))
         if mask is not None:
             if tuple(mask.shape) != (self.size, numbers.shape[1]):
                 expected = f"({self.size}, {numbers.shape[1]})"

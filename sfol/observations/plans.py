@@ -4,16 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
 from sfol.errors import FactError, SignalError, did_you_mean
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, Sort, Source
-from sfol.knowledge_base.observing import ACTION, NEXT, entity_names
+from sfol.knowledge_base.observing import ACTION, NEXT, STEP, entity_names, with_step
 from sfol.knowledge_base.parts import fields_of
 
 Observation = Any  # mappings, sequences and arrays, nested in any way
+
+
+@dataclass(frozen=True)
+class Step:
+    """What can be read of one step, or of B steps; what nothing reads may be None.
+
+    Attributes:
+        observation: before the action.
+        action: itself.
+        next_observation: after the action.
+        native: the environment's own reward.
+        terminated: whether the step terminated the episode.
+        truncated: whether the episode was truncated after it.
+    """
+
+    observation: Observation
+    action: Observation = None
+    next_observation: Observation = None
+    native: Observation = None
+    terminated: Observation = None
+    truncated: Observation = None
+
+    @cached_property
+    def wholes(self) -> dict[str, Observation]:
+        """What is read, by what formulas call it; the observation before the action is ``""``."""
+        return {
+            "": self.observation,
+            ACTION: self.action,
+            NEXT: self.next_observation,
+            "native": self.native,
+            "terminated": self.terminated,
+            "truncated": self.truncated,
+        }
 
 
 @dataclass(frozen=True)
@@ -22,7 +56,8 @@ class Reading:
 
     Attributes:
         name: as in the formula, such as ``next.ego.speed`` or ``P.x``.
-        whole: which of the things that are read: ``""`` for the observation, ``next``, ``action``.
+        whole: which of the things that are read: ``""`` for the observation, or as in
+            `Step.wholes`.
         source: a part of it.
         column: of that part.
     """
@@ -71,7 +106,14 @@ class Plan:
 
 Error = type[FactError] | type[SignalError]
 _NO_SORTS: Mapping[str, str] = MappingProxyType({})
-_WHOLES = {"": "the observation", NEXT: "the observation after the action", ACTION: "the action"}
+_WHOLES = {
+    "": "the observation",
+    NEXT: "the observation after the action",
+    ACTION: "the action",
+    "native": "the environment's own reward",
+    "terminated": "whether the step terminated the episode",
+    "truncated": "whether the episode was truncated",
+}
 
 
 def plan_of(kb: KnowledgeBase, formula: Formula, sorts: Mapping[str, str] = _NO_SORTS) -> Plan:
@@ -104,10 +146,27 @@ def _range(kb: KnowledgeBase, name: str, names: Sequence[str]) -> Range:
 
 def _reading(kb: KnowledgeBase, name: str) -> Reading:
     first, *rest = name.split(".")
-    whole = first if first in (NEXT, ACTION) else ""
+    whole = first if first in (NEXT, ACTION, *STEP) else ""
     source, *field = rest if first == NEXT else (first, *rest)
-    column = kb.observation[source].columns[field[0]] if field else 0
+    column = with_step(kb.observation)[source].columns[field[0]] if field else 0
     return Reading(name, whole, source, column)
+
+
+def read_for_facts(kb: KnowledgeBase, step: Step) -> Observation:
+    """Return the observation of a step that facts are read off.
+
+    Raises:
+        FactError: it is the one after the action, and not given.
+    """
+    if kb.facts_at == "state":
+        return step.observation
+    if step.next_observation is None and kb.facts:
+        raise FactError(
+            f"{_WHOLES[NEXT]} is not given",
+            name=NEXT,
+            suggestion=f"facts_at of '{kb.name}' says that facts are read off it",
+        )
+    return step.next_observation
 
 
 def width_of(source: Source) -> int:
@@ -145,7 +204,11 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
         error: what is raised where there is no such part.
     """
     if whole is None:
-        raise error(f"{_WHOLES[name]} is not given", name=name or "observation")
+        raise error(
+            f"{_WHOLES[name]} is not given",
+            name=name or "observation",
+            suggestion="give what env.step returned, in its order" if name in STEP else None,
+        )
     part = whole
     for key in path:
         part = under(part, key, _WHOLES[name], error)

@@ -18,13 +18,14 @@ from sfol.errors import FactError, FormulaError, SignalError, UsageError
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
-from sfol.knowledge_base.observing import ACTION, NEXT
+from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
     Observation,
     Plan,
     Range,
     Reading,
+    Step,
     fits,
     part_at,
     plan_of,
@@ -50,6 +51,7 @@ class ObservationReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
+        self._sources = with_step(kb.observation)
         self._facts = [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts]
         self._signals = {name: plan_of(kb, f) for name, f in kb.observed_signals.items()}
 
@@ -72,7 +74,7 @@ class ObservationReader:
                 name="facts",
                 suggestion="add the sections observation and facts, or make the facts yourself",
             )
-        scene = _Scene(self._kb.observation, {"": observation}, FactError)
+        scene = _Scene(self._sources, {"": observation}, FactError)
         facts = Facts(margin=self._kb.grounding.margin)
         for fact, plan in self._facts:
             _add(facts, fact, plan, scene)
@@ -80,26 +82,21 @@ class ObservationReader:
 
     def signals(
         self,
-        observation: Observation,
-        action: Observation,
-        next_observation: Observation,
+        step: Step,
         *,
         but: Container[str] = (),
     ) -> dict[str, float]:
-        """Return the signals that the knowledge base reads off a transition.
+        """Return the signals that the knowledge base reads off a step.
 
         Args:
-            observation: before the action.
-            action: may be None where no signal reads it.
-            next_observation: after the action; may be None where no signal reads it.
+            step: what is read.
             but: names of signals that are not to be read.
 
         Raises:
-            SignalError: an observation or the action has another form than the knowledge base
-                says, a number that is read is NaN, or a signal is.
+            SignalError: something is not given or has another form than the knowledge base says, a
+                number that is read is NaN, or a signal is.
         """
-        wholes = {"": observation, ACTION: action, NEXT: next_observation}
-        scene = _Scene(self._kb.observation, wholes, SignalError)
+        scene = _Scene(self._sources, step.wholes, SignalError)
         return {
             name: _signal(name, plan.formula, scene.values(plan))
             for name, plan in self._signals.items()

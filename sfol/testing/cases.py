@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from sfol.errors import SfolError
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.knowledge_base.observing import ACTION, NEXT, STEP
+from sfol.observations.plans import Step, read_for_facts
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 
@@ -92,13 +94,15 @@ def written_out(reward: RewardFunction, case: Case) -> Case:
 
     Raises:
         FactError: the observation has another form than the knowledge base says.
-        SignalError: so has the observation after the action, or the action.
+        SignalError: so has something that a signal reads, or it is not given.
     """
     if case.observation is None:
         return case
-    signals = reward.observe_signals(case.observation, case.action, case.next, **case.signals)
-    facts = str(reward.observe(case.observation))
-    read = {"observation": None, "action": None, "next": None}
+    observed = (case.observation, case.action, case.next)
+    step = Step(*observed, case.native, case.terminated, case.truncated)
+    signals = reward.observe_signals(*step.wholes.values(), **case.signals)
+    facts = str(reward.observe(read_for_facts(reward.kb, step)))
+    read = dict.fromkeys(("observation", ACTION, NEXT, *STEP))
     return case.model_copy(update={"facts": facts, "signals": signals, **read})
 
 

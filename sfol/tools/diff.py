@@ -122,6 +122,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
             }
             for fact in kb.facts
         },
+        "facts_at": {"": {"": kb.facts_at}},
         "signals": {
             name: {
                 "unit": signal.unit,

@@ -1,0 +1,14 @@
+"""Gymnasium wrappers: any environment, rewarded by rules."""
+
+from sfol.errors import missing_extra
+
+try:
+    import gymnasium as gymnasium  # the modules below need it
+except ImportError as error:
+    raise missing_extra("gymnasium", "the wrappers need it", extra="gymnasium") from error
+
+from sfol.wrappers.modes import EPISODE, log_items
+from sfol.wrappers.single import RuleReward, Transition
+from sfol.wrappers.vector import VectorRuleReward
+
+__all__ = ["EPISODE", "RuleReward", "Transition", "VectorRuleReward", "log_items"]

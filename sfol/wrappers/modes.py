@@ -1,0 +1,208 @@
+"""What the rules' reward of a step does to the environment's own, and what is logged of it."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+from sfol import arrays
+from sfol.arrays import Array
+from sfol.errors import UsageError, did_you_mean, expect
+from sfol.observations.plans import plan_of
+from sfol.outcome import BatchOutcome, Outcome
+from sfol.reward import RewardFunction
+
+MODES = ("replace", "add", "potential")
+EPISODE = "sfol.episode"  # the key in `info` of an episode's sums; of no other package
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """Potential-based shaping: a step gets γ φ(s') − φ(s), which changes no optimal policy.
+
+    Source: Ng, Harada, Russell, Policy invariance under reward transformations, ICML 1999.
+
+    Attributes:
+        weight: φ is this weight, or the whole reward if it is None.
+        discount: γ, that of the agent's return.
+    """
+
+    weight: str | None
+    discount: float
+
+    def terms(
+        self, before: Mapping[str, Array], after: Mapping[str, Array], terminated: Array
+    ) -> dict[str, Array]:
+        """Return what a step gets, for each summand of the potential.
+
+        Args:
+            before: the summands of φ(s).
+            after: those of φ(s').
+            terminated: whether s' is terminal; its potential is 0 then.
+        """
+        alive = self.discount * (1.0 - terminated)
+        return {name: alive * after[name] - before[name] for name in before}
+
+
+class EpisodeSums:
+    """Sums over the steps of an episode: numbers, or arrays (B,) for B environments."""
+
+    def __init__(self) -> None:
+        self._totals: dict[str, Array] = {}
+        self._terms: dict[str, Array] = {}
+
+    def add(
+        self, value: Array, original: Array, terms: Mapping[str, Array], steps: Array = 1
+    ) -> None:
+        """Add what a step gave.
+
+        Args:
+            value: its reward.
+            original: the environment's own.
+            terms: what the rules gave, by term.
+            steps: 0 where no step was taken.
+        """
+        new = {"return": value, "original_return": original, "length": steps}
+        self._totals = {name: self._totals.get(name, 0) + item for name, item in new.items()}
+        self._terms = {name: self._terms.get(name, 0) + item for name, item in terms.items()}
+
+    def restart(self, ended: Array) -> None:
+        """Begin anew where an episode has ended, of B environments."""
+        for sums in (*self._totals.values(), *self._terms.values()):
+            sums[ended] = 0
+
+    def items(self) -> dict[str, Any]:
+        """Return ``return``, ``original_return``, ``length`` and, by name, ``terms``."""
+        return {**self._totals, "terms": self._terms}
+
+
+def shaping_of(
+    reward: RewardFunction, mode: str, potential: str | None, discount: float | None
+) -> Shaping | None:
+    """Check the arguments that say what is made of a reward; return how it shapes, if it does.
+
+    Args:
+        reward: the reward function.
+        mode: ``replace``, ``add`` or ``potential``.
+        potential: a weight, or None for the reward.
+        discount: γ, needed for a potential.
+
+    Raises:
+        UsageError: one is of another type, does not exist or does not belong to the mode; or the
+            potential reads more than one state.
+    """
+    expect(mode, str, "mode", f"one of {', '.join(MODES)}")
+    if mode not in MODES:
+        raise UsageError(
+            f"there is no mode '{mode}'", name=mode, suggestion=did_you_mean(mode, MODES)
+        )
+    if mode != "potential":
+        for name, value in (("potential", potential), ("discount", discount)):
+            if value is not None:
+                raise UsageError(
+                    f"the mode '{mode}' has no {name}", name=name, suggestion="mode='potential' has"
+                )
+        return None
+    if potential is None:
+        _check_state_alone(reward)
+    else:
+        expect(potential, str, "potential", "give the name of a weight")
+        if potential not in reward.kb.weights:
+            raise UsageError(
+                f"'{reward.kb.name}' has no weight '{potential}'",
+                name=potential,
+                suggestion=did_you_mean(potential, reward.kb.weights),
+            )
+    return Shaping(potential, _discount(discount))
+
+
+def check_reads(
+    reward: RewardFunction, *, facts: bool = True, signals: bool = True, instead: str = ""
+) -> None:
+    """Make sure that a knowledge base says how everything is read off an observation.
+
+    Args:
+        reward: the reward function.
+        facts: whether it must say so of facts.
+        signals: whether it must say so of signals.
+        instead: what may be given in place of that, for messages, with a place for its name.
+
+    Raises:
+        UsageError: it does not.
+    """
+    kb = reward.kb
+    if facts and not reward.reads_facts:
+        raise UsageError(
+            f"'{kb.name}' does not say how facts are read off an observation",
+            name="facts",
+            suggestion=f"add the sections observation and facts{instead.format('facts')}",
+        )
+    read = kb.observed_signals
+    missing = [n for n, s in kb.signals.items() if n not in read and s.default is None]
+    if signals and missing:
+        raise UsageError(
+            f"'{kb.name}' does not say how the signal '{missing[0]}' is read",
+            name=missing[0],
+            suggestion=f"give it from or a default{instead.format('signals')}",
+        )
+
+
+def expect_function(value: object, what: str, suggestion: str) -> None:
+    """Make sure that an argument is a function or None.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    if value is not None:
+        expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
+
+
+def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
+    """Return the parts of an outcome under the names that loggers get.
+
+    Args:
+        outcome: of one step, or of B steps.
+
+    Returns:
+        Numbers, or arrays (B,): ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
+    """
+    return named(reward=outcome.terms, weight=outcome.weights, confidence=outcome.confidences)
+
+
+def named(**groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of groups under the names ``<group>_<name>``."""
+    return {f"{group}_{name}": v for group, items in groups.items() for name, v in items.items()}
+
+
+def total(terms: Mapping[str, Array]) -> Array:
+    """Return the sum of terms, from left to right."""
+    return reduce(operator.add, terms.values(), 0.0)
+
+
+def _check_state_alone(reward: RewardFunction) -> None:
+    """Refuse a reward that is of a transition, and no function of a state."""
+    check_reads(reward)
+    for name, formula in reward.kb.observed_signals.items():
+        plan = plan_of(reward.kb, formula)
+        wholes = {r.whole for r in plan.readings} | {r.whole for r in plan.quantified.values()}
+        read = sorted(wholes - {""})
+        if read:
+            raise UsageError(
+                f"the reward is no potential: the signal '{name}' reads '{read[0]}'",
+                name=name,
+                suggestion="a potential is of one state: potential=… takes a weight alone",
+            )
+
+
+def _discount(value: object) -> float:
+    number = None if value is None else arrays.as_float(value)
+    if number is None or not 0.0 <= number <= 1.0:
+        raise UsageError(
+            f"the discount is {value!r:.80}",
+            name="discount",
+            suggestion="give the agent's γ, from 0 to 1, such as discount=0.99",
+        )
+    return number

@@ -1,0 +1,267 @@
+"""Many environments at once are rewarded as each of them would be, however they begin anew."""
+
+import numpy as np
+import pytest
+
+import sfol
+
+gymnasium = pytest.importorskip("gymnasium")
+from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
+
+from sfol.wrappers import EPISODE, RuleReward, VectorRuleReward  # noqa: E402 (as above)
+
+COUNT, STEPS = 5, 60
+DRIFT = """\
+version: 1
+name: drift
+subject: boat
+background: [Boat(boat)]
+predicates:
+  Boat(X): X is a boat.
+  Far(X): X is far out.
+rules:
+  far: far(X) :- Boat(X), Far(X).
+observation:
+  boat: {key: [boat, 0], fields: [x, y]}
+  age: {key: age}
+  action: {}
+facts_at: FACTS_AT
+facts:
+  Far(boat): above(hypot(boat.x, boat.y), 3, margin=2)
+signals:
+  way: {unit: m, from: "hypot(next.boat.x - boat.x, next.boat.y - boat.y)"}
+  push: {unit: "1", from: action}
+  lost: {unit: "1", from: terminated}
+  late: {unit: "1", from: truncated}
+  own: {unit: "1", from: native}
+  age: {unit: "1", from: age}
+weights:
+  far: {normalizer: 1, coefficients: {far: 2.0}}
+terms:
+  far: {weight: far, formula: 1 + push}
+  way: {weight: -1, formula: way}
+  ending: {weight: 10, formula: lost + 3 * late + own}
+  age: {weight: 1, formula: age}
+"""
+
+
+class Boat(gymnasium.Env):
+    """A boat that drifts at random until it is too far out or too old; its arrays are reused."""
+
+    observation_space = gymnasium.spaces.Dict(
+        boat=gymnasium.spaces.Tuple([gymnasium.spaces.Box(-99, 99, (2,), np.float64)]),
+        age=gymnasium.spaces.Discrete(100),
+    )
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place, self.age = self.np_random.normal(0.0, 1.0, 2), 0
+        return self.observed(), {"begun": 1}
+
+    def step(self, action):
+        self.place += self.np_random.normal(0.3 * action, 1.0, 2)
+        self.age += 1
+        lost = bool(np.hypot(*self.place) > 4.0)
+        return self.observed(), 0.1 * self.age, lost, self.age >= 9, {}
+
+    def observed(self):
+        return {"boat": (self.place,), "age": self.age}
+
+
+@pytest.fixture
+def drift(tmp_path):
+    def load(facts_at="state", *changes):
+        text = DRIFT.replace("FACTS_AT", facts_at)
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "drift.yaml"
+        path.write_text(text)
+        return sfol.RewardFunction(path)
+
+    return load
+
+
+class Alone:
+    """Environments one by one, each begun anew when its episode has ended, as a mode says."""
+
+    def __init__(self, envs, autoreset):
+        self.envs, self.autoreset = envs, autoreset
+        for seed, env in enumerate(envs):
+            env.reset(seed=seed)
+        self.ended = [False] * len(envs)
+
+    def step(self, actions):
+        """Return (reward, info) of each; None where an environment began anew instead."""
+        found = []
+        for i, (env, action) in enumerate(zip(self.envs, actions, strict=True)):
+            if self.ended[i] and self.autoreset is AutoresetMode.NEXT_STEP:
+                env.reset()
+                self.ended[i] = False
+                found.append(None)
+                continue
+            _, reward, terminated, truncated, info = env.step(int(action))
+            self.ended[i] = terminated or truncated
+            found.append((reward, info))
+            if self.ended[i] and self.autoreset is not AutoresetMode.NEXT_STEP:
+                env.reset()
+        return found
+
+
+def compared(make, reward, autoreset, given):
+    """Step both, compare everything, and return how many episodes ended."""
+    many = SyncVectorEnv([make] * COUNT, copy=False, autoreset_mode=autoreset)
+    envs = VectorRuleReward(many, reward, **given)
+    alone = Alone([RuleReward(make(), reward, **given) for _ in range(COUNT)], autoreset)
+    envs.reset(seed=list(range(COUNT)))
+    chance, episodes = np.random.default_rng(0), 0
+    for _ in range(STEPS):
+        actions = chance.integers(0, 2, COUNT)
+        _, rewards, terminated, truncated, infos = envs.step(actions)
+        found = alone.step(actions)
+        assert rewards == pytest.approx([0.0 if one is None else one[0] for one in found])
+        for i, one in enumerate(found):
+            check_info(infos, i, {} if one is None else one[1])
+        ended = terminated | truncated
+        episodes += ended.sum()
+        if autoreset is AutoresetMode.DISABLED and ended.any():
+            envs.reset(options={"reset_mask": ended})
+    return episodes
+
+
+def check_info(infos, index, expected):
+    """Compare what the rules say of one environment, with masks, and sums in any depth."""
+    assert {name for name in ruled(infos) if infos[f"_{name}"][index]} == ruled(expected)
+    for name in ruled(expected):
+        compare(infos[name], index, expected[name])
+
+
+def ruled(info):
+    own = ("reward_", "weight_", "confidence_", "potential_", "original_reward", "sfol.")
+    return {name for name in info if name.startswith(own)}
+
+
+def compare(values, index, expected):
+    if isinstance(expected, dict):
+        for name, part in expected.items():
+            assert values[f"_{name}"][index]
+            compare(values[name], index, part)
+    else:
+        assert values[index] == pytest.approx(expected)
+
+
+MODES = [{}, {"mode": "add"}, {"mode": "potential", "potential": "far", "discount": 0.9}]
+
+
+@pytest.mark.parametrize("given", MODES, ids=str)
+@pytest.mark.parametrize("facts_at", ["state", "next"])
+@pytest.mark.parametrize("autoreset", AutoresetMode)
+def test_each_is_rewarded_by_what_really_happened(drift, autoreset, facts_at, given):
+    assert compared(Boat, drift(facts_at), autoreset, given) > 20
+
+
+@pytest.mark.parametrize("autoreset", AutoresetMode)
+def test_the_reward_of_a_state_as_a_potential(drift, autoreset):
+    of_steps = ("way:", "push:", "lost:", "late:", "own:", "ending:")
+    lines = [line for line in DRIFT.splitlines(True) if line.strip().startswith(of_steps)]
+    reward = drift("state", ("1 + push", "1"), *((line, "") for line in lines))
+    assert compared(Boat, reward, autoreset, {"mode": "potential", "discount": 0.9}) > 20
+
+
+@pytest.mark.parametrize("autoreset", AutoresetMode)
+def test_cartpole(autoreset):
+    def make():
+        return gymnasium.make("CartPole-v1")
+
+    assert compared(make, sfol.RewardFunction("cartpole"), autoreset, {}) > 5
+
+
+def test_an_environment_that_is_vectorised_by_itself_and_one_of_one():
+    reward = sfol.RewardFunction("cartpole")
+    for count in (1, 3):
+        envs = gymnasium.make_vec("CartPole-v1", count, vectorization_mode="vector_entry_point")
+        envs = VectorRuleReward(envs, reward)
+        before, _ = envs.reset(seed=0)
+        after, rewards, *_ = envs.step(np.ones(count, dtype=np.int64))
+        steps = zip(before, after, strict=True)
+        assert rewards.tolist() == pytest.approx([reward.transition(*p).reward for p in steps])
+        envs.close()
+
+
+@pytest.mark.parametrize("autoreset", AutoresetMode)
+def test_a_step_in_which_all_begin_anew(drift, autoreset):
+    short = gymnasium.wrappers.TimeLimit
+    many = SyncVectorEnv([lambda: short(Boat(), 1)] * 2, autoreset_mode=autoreset)
+    envs = VectorRuleReward(many, drift())
+    envs.reset(seed=0)
+    actions, rewarded = np.zeros(2, dtype=np.int64), []
+    for _ in range(4):
+        _, rewards, terminated, truncated, infos = envs.step(actions)
+        rewarded.append(bool(rewards.all()))
+        assert infos["_reward_far"].all() == rewarded[-1]
+        if autoreset is AutoresetMode.DISABLED:
+            envs.reset(options={"reset_mask": terminated | truncated})
+    assert rewarded == [True, autoreset is not AutoresetMode.NEXT_STEP] * 2
+
+
+def test_an_episode_that_is_broken_off_leaves_nothing_in_the_sums(drift):
+    def make():
+        return gymnasium.wrappers.TimeLimit(Boat(), 3)
+
+    many = SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.DISABLED)
+    envs = VectorRuleReward(many, drift())
+    envs.reset(seed=[0, 1])  # with which none is lost before
+    actions = np.zeros(2, dtype=np.int64)
+    envs.step(actions)
+    for begin, steps, ended in (([1, 0], 2, [0, 1]), ([0, 1], 1, [1, 0])):
+        envs.reset(options={"reset_mask": np.array(begin, dtype=bool)})
+        infos = [envs.step(actions)[-1] for _ in range(steps)][-1]
+        assert infos[f"_{EPISODE}"].tolist() == ended
+        assert infos[EPISODE]["length"].tolist() == [3 * one for one in ended]
+
+
+class Mute(SyncVectorEnv):
+    """Environments that do not hand on the last observations."""
+
+    def step(self, actions):
+        *found, infos = super().step(actions)
+        return *found, {key: value for key, value in infos.items() if key != "final_obs"}
+
+
+def test_last_observations_that_are_not_given_are_asked_for(drift):
+    many = Mute([Boat] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs = VectorRuleReward(many, drift())
+    envs.reset(seed=0)
+    actions = np.zeros(3, dtype=np.int64)
+    with pytest.raises(sfol.errors.UsageError, match="give no final_obs"):
+        any(envs.step(actions) is None for _ in range(20))
+
+
+def test_how_they_begin_anew_must_be_known(drift):
+    many = SyncVectorEnv([Boat])
+    many.metadata = {}
+    with pytest.raises(sfol.errors.UsageError, match="begin anew in the mode None"):
+        VectorRuleReward(many, drift())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"envs": Boat()}, "the environments is of type Boat"),
+        ({"reward": "drift"}, "the reward is of type str"),
+        ({"mode": "both"}, "there is no mode 'both'"),
+        ({"mode": "potential", "discount": 0.9}, "the signal 'way' reads 'next'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_when_it_is_made(drift, given, message):
+    given = {"envs": SyncVectorEnv([Boat]), "reward": drift(), **given}
+    with pytest.raises(sfol.errors.UsageError, match=message):
+        VectorRuleReward(given.pop("envs"), given.pop("reward"), **given)
+
+
+def test_signals_must_be_read(drift):
+    with pytest.raises(sfol.errors.UsageError, match="how the signal 'push' is read"):
+        VectorRuleReward(SyncVectorEnv([Boat]), drift("state", ("from: action", "description: x")))
+    with pytest.raises(sfol.errors.UsageError, match="'aeb' does not say how facts are read"):
+        VectorRuleReward(SyncVectorEnv([Boat]), sfol.RewardFunction("aeb"))
