@@ -256,7 +256,8 @@ class _Prover:
         shown = keys[: max(self._left, 1)]
         self._left -= len(shown)
         grounded = (
-            literal.substituted(dict(zip(literal.terms, key, strict=True))) for key in shown
+            literal.substituted(dict(zip(literal.atom.arguments, key, strict=True)))
+            for key in shown
         )
         facts = tuple(self._fact(ground) for ground in grounded)
         if len(keys) == 1:
@@ -267,10 +268,10 @@ class _Prover:
 
     def _fact(self, literal: AtomLiteral) -> Node:
         atom = literal.atom
-        bound = literal.bound(self._tables.bound(atom))
+        bound = literal.bound(literal.known(self._tables))
         assert bound is not None, f"{literal} holds"
         derived = literal.monotone and atom in self._outcome.derived
-        source = "derived" if derived else self._origin(atom)
+        source = "derived" if derived else self._origin(literal)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
         proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
@@ -283,10 +284,10 @@ class _Prover:
         self._levels -= 1
         return proofs
 
-    def _origin(self, atom: Atom) -> str:
-        if self._tables.bound(atom) is None:
+    def _origin(self, literal: AtomLiteral) -> str:
+        if literal.known(self._tables) is None:
             return "unknown"
-        return "background" if atom in self._kb.background else "asserted"
+        return "background" if literal.atom in self._kb.background else "asserted"
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ The grammar, with `?` optional and `*` repeated::
     atom      =  name "(" term ("," term)? ")"
     bound     =  "[" number "," number "]"
 
-An argument that begins with an upper-case letter is a variable, any other a constant. ``%`` and
-``#`` begin a comment that ends with the line. Rules are read by `sfol.clauses`.
+An argument that begins with an upper-case letter is a variable, any other a constant. In a body
+``_`` is a variable of its own wherever it stands. ``%`` and ``#`` begin a comment that ends with
+the line. Rules are read by `sfol.clauses`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import NamedTuple
 from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
+ANONYMOUS = "_"
 OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
 
 _TOKEN = re.compile(
@@ -55,7 +57,13 @@ class Atom(NamedTuple):
     arguments: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"{self.predicate}({', '.join(self.arguments)})"
+        shown = (ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments)
+        return f"{self.predicate}({', '.join(shown)})"
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether it stands for all atoms that have anything where it has ``_``."""
+        return ANONYMOUS in self.arguments
 
     def substituted(self, values: Mapping[str, str]) -> Atom:
         """Return the atom with the terms that have a value replaced by it."""
@@ -101,8 +109,16 @@ class FactText(NamedTuple):
 
 
 def is_variable(term: str) -> bool:
-    """Tell whether an argument is a variable: its first letter is upper case."""
-    return term[0].isupper()
+    """Tell whether an argument is a variable: it begins with an upper-case letter.
+
+    So is ``_1``, the name that a body gives to an anonymous variable; ``_`` itself is no name.
+    """
+    return term[0].isupper() or is_anonymous(term)
+
+
+def is_anonymous(term: str) -> bool:
+    """Tell whether an argument is an anonymous variable of a body, such as ``_1``."""
+    return term[0] == ANONYMOUS and term != ANONYMOUS
 
 
 def is_name(text: str) -> bool:
@@ -237,12 +253,19 @@ class Reader:
             raise self._unexpected("the end")
 
     def atom(self) -> Atom:
-        """Read an atom."""
+        """Read an atom without anonymous variables."""
+        return self._atom(lambda: self.name("an argument"))
+
+    def pattern(self) -> Atom:
+        """Read an atom of a body, which may have anonymous variables."""
+        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.name("an argument"))
+
+    def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
         self.expect("(", f"a predicate has one or two arguments: {predicate}(X)")
-        arguments = [self.name("an argument")]
+        arguments = [argument()]
         if self.accept(","):
-            arguments.append(self.name("an argument"))
+            arguments.append(argument())
         self.expect(")", "a predicate has one or two arguments")
         return Atom(predicate, tuple(arguments))
 
@@ -307,6 +330,13 @@ class Reader:
         token = self._peek()
         if token.kind != "name":
             raise self._unexpected(what)
+        if token.text == ANONYMOUS:
+            raise ClauseError(
+                f"'{ANONYMOUS}' is {what} only of the literals P(X, _) and not P(X, _) of a body",
+                name=token.text,
+                suggestion="name the variable: it begins with an upper-case letter",
+                offset=token.offset,
+            )
         if not is_name(token.text):
             raise ClauseError(
                 f"'{token.text}' is not a name",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -18,7 +18,7 @@ from sfol.literals.literal import (
 )
 from sfol.literals.search import Rows, Scene
 from sfol.operators import least
-from sfol.syntax import Atom, Reader
+from sfol.syntax import ANONYMOUS, Atom, Reader
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,17 @@ class Positive(AtomLiteral):
 
     @classmethod
     def parse(cls, reader: Reader) -> Self | None:
-        return cls(reader.atom())
+        return cls(reader.pattern())
 
     def __str__(self) -> str:
         return str(self.atom)
 
     def substituted(self, values: Mapping[str, str]) -> Self:
         return type(self)(self.atom.substituted(values))
+
+    def named_apart(self, names: Iterator[str]) -> Self:
+        arguments = (next(names) if term == ANONYMOUS else term for term in self.atom.arguments)
+        return type(self)(Atom(self.atom.predicate, tuple(arguments)))
 
     def matched(self, target: Literal, values: Mapping[str, str]) -> Mapping[str, str] | None:
         return self.atom.matched(target.atom, values) if isinstance(target, Positive) else None

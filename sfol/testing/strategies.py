@@ -21,7 +21,7 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.literals import Literal, Negated, NotEqual, Positive
 from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
-from sfol.syntax import Atom, variables
+from sfol.syntax import ANONYMOUS, Atom, variables
 
 try:
     from hypothesis import strategies as st
@@ -79,12 +79,23 @@ def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.S
     )
 
 
+@st.composite
+def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) -> Atom:
+    """Draw an atom in which ``_`` may stand, though not often."""
+    atom = draw(_atoms(predicates, names))
+    blank = draw(_mostly((), (0,), (1,), (0, 1)))
+    return Atom(
+        atom.predicate,
+        tuple(ANONYMOUS if at in blank else term for at, term in enumerate(atom.arguments)),
+    )
+
+
 def _positive(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
-    return st.lists(_atoms(readable, bound).map(Positive), min_size=1, max_size=4)
+    return st.lists(_patterns(readable, bound).map(Positive), min_size=1, max_size=4)
 
 
 def _negated(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
-    return st.lists(_atoms(readable, bound).map(Negated), max_size=2)
+    return st.lists(_patterns(readable, bound).map(Negated), max_size=2)
 
 
 def _not_equal(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
