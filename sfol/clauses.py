@@ -1,11 +1,11 @@
 """Rules and conditions as text ↔ clauses and bodies.
 
-The grammar, with `*` repeated; atoms and terms are those of `sfol.syntax`::
+The grammar, with `?` optional and `*` repeated; atoms and terms are those of `sfol.syntax`::
 
     rule      =  atom ":-" body "."
     condition =  body
     body      =  literal ("," literal)*
-    literal   =  pattern | "not" pattern | term "!=" term
+    literal   =  pattern (">=" number)? | "not" pattern | term "!=" term
     pattern   =  atom, any of whose arguments may be "_"
 
 Each kind of literal is a class of `sfol.literals`, and reads itself.

@@ -21,7 +21,11 @@ from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
 ANONYMOUS = "_"
-OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
+OPERATORS = (
+    ":-",
+    "!=",
+    ">=",
+)  # marks that stand between blanks; longer ones before their beginnings
 
 _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
@@ -45,7 +49,9 @@ _INSTEAD = {
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
-    "=": "X != Y is the only comparison",
+    "=": "X != Y and P(X) >= 0.5 are the only comparisons",
+    ">=": "a bound is asked of a positive literal: P(X) >= 0.5",
+    ">": "a bound is asked of a positive literal: P(X) >= 0.5",
 }
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
@@ -355,6 +361,19 @@ class Reader:
             raise self._unexpected("a number")
         self._position += 1
         return float(token.text)
+
+    def share(self) -> float:
+        """Read a number from 0 to 1."""
+        token = self._peek()
+        value = self.number()
+        if not 0.0 <= value <= 1.0:
+            raise ClauseError(
+                f"a bound can't be {token.text}",
+                name=token.text,
+                suggestion="bounds are numbers from 0 to 1",
+                offset=token.offset,
+            )
+        return value
 
     def _peek(self, ahead: int = 0) -> _Token:
         return self._tokens[min(self._position + ahead, len(self._tokens) - 1)]

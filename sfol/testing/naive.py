@@ -109,10 +109,11 @@ def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Know
     match literal:
         case Positive():
             # A positive literal holds iff the atom is known, its upper bound is above 0 and its
-            # lower bound reaches the rule's threshold.
+            # lower bound reaches the rule's threshold, and the one that it asks for itself.
             if bound is None or bound.upper <= 0:
                 return False
-            return _reaches(bound.lower, rule.threshold)
+            asked = (rule.threshold, literal.minimum)
+            return all(_reaches(bound.lower, threshold) for threshold in asked)
         case Negated():
             # A negated literal holds iff its lower bound reaches the negation threshold.
             return bound is not None and _reaches(bound.lower, rule.negation_threshold)

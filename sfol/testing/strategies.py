@@ -91,7 +91,10 @@ def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) 
 
 
 def _positive(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
-    return st.lists(_patterns(readable, bound).map(Positive), min_size=1, max_size=4)
+    minimum = _mostly(0.0, 0.125, 0.5, 1.0)
+    return st.lists(
+        st.builds(Positive, _patterns(readable, bound), minimum), min_size=1, max_size=4
+    )
 
 
 def _negated(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
