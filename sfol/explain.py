@@ -169,7 +169,9 @@ class _Prover:
     def _term(self, term: RewardTerm) -> Node:
         value = self._outcome.terms[term.name]
         weight = self._outcome.weights[term.weight] if isinstance(term.weight, str) else term.weight
-        names = {**term.parameters, **self._signals}
+        confidences = self._outcome.confidences
+        read = {head: confidences.get(head, 0.0) for head in term.heads}
+        names = {**term.parameters, **self._signals, **read}
         component = term.formula(names)
         size = sum(abs(other) for other in self._outcome.terms.values())
         share = abs(value) / size if size else 0.0
@@ -183,6 +185,7 @@ class _Prover:
             {"formula": term.formula.text, "value": component, "names": names},
         )
         below = [self._weight(term.weight)] if isinstance(term.weight, str) else []
+        below += [self._head(head) for head in term.heads]
         text = (
             f"{term.name} {_number(value)} = {_number(weight)} × {_number(component)}"
             f"  ({share:.0%} of all terms)"
@@ -201,16 +204,21 @@ class _Prover:
         text = f"weight {name} {_number(value)} = 1/{weight.normalizer:g} of the sum below"
         return Node("weight", text, {"name": name, "value": value}, heads)
 
-    def _head(self, head: str, coefficient: float) -> Node:
+    def _head(self, head: str, coefficient: float | None = None) -> Node:
+        """Return the node of a head, which a weight names with a coefficient, or a formula."""
         atom = Atom(head, (self._kb.subject,))
         bound = self._tables.bound(atom)
-        values = {"atom": str(atom), "coefficient": coefficient}
+        values: dict[str, Any] = {"atom": str(atom)}
+        times = ""
+        if coefficient is not None:
+            values["coefficient"] = coefficient
+            times = f"{_number(coefficient)} × "
         if bound is None:
-            text = f"{_number(coefficient)} × 0      {atom}: nothing concluded"
+            text = f"{times}0      {atom}: nothing concluded"
             misses = tuple(self._misses(head))
             return Node("nothing", text, {**values, "bound": None, "confidence": 0.0}, misses)
         confidence = self._outcome.confidences[head]
-        text = f"{_number(coefficient)} × {_number(confidence)}  {atom} {bound}"
+        text = f"{times}{_number(confidence)}  {atom} {bound}"
         return Node(
             "head",
             text,

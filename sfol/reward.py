@@ -426,7 +426,7 @@ class RewardFunction:
         }
         weights = {name: float(self._weight(name, confidences)) for name in self.kb.weights}
         terms = {
-            name: self._term(term, weights, signals, Formula.__call__)
+            name: self._term(term, weights, confidences, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
         }
         return Outcome(
@@ -507,7 +507,8 @@ class RewardFunction:
         zeros = backend.full(size, 0.0)
         weights = {name: zeros + self._weight(name, confidences) for name in self.kb.weights}
         terms = {
-            name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))
+            name: zeros
+            + backend.real(self._term(term, weights, confidences, signals, Formula.elementwise))
             for name, term in self.kb.terms.items()
         }
         return BatchOutcome(_total(terms, zeros), terms, weights, confidences, bounds)
@@ -523,12 +524,16 @@ class RewardFunction:
         self,
         term: RewardTerm,
         weights: Mapping[str, Array],
+        confidences: Mapping[str, Array],
         signals: Mapping[str, Array],
         evaluate: Callable[[Formula, Mapping[str, Array]], Array],
     ) -> Array:
         weight = weights[term.weight] if isinstance(term.weight, str) else term.weight
+        values = {**self.parameters[term.name].plain, **signals}
+        for head in term.heads:
+            values[head] = confidences.get(head, 0.0)
         try:
-            value = weight * evaluate(term.formula, {**self.parameters[term.name].plain, **signals})
+            value = weight * evaluate(term.formula, values)
         except FormulaError as error:
             raise _of_term(error, term.name) from None
         if not arrays.is_finite(value):

@@ -171,6 +171,16 @@ def _heads(rules: dict[str, dict[str, Any]]) -> list[str]:
     return sorted({entry["rule"].partition("(")[0] for entry in rules.values()})
 
 
+def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
+    """Draw terms whose formulas read heads: one, or none."""
+    if not heads:
+        return st.just({})
+    pairs = st.tuples(st.sampled_from(heads), st.sampled_from(heads))
+    formulas = pairs.map(lambda pair: f"-max(0, {pair[0]} - {pair[1]} / 2)**2")
+    hinges = formulas.map(lambda formula: {"hinge": {"weight": 2.0, "formula": formula}})
+    return st.just({}) | hinges
+
+
 @st.composite
 def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
@@ -208,6 +218,7 @@ def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
                 "parameters": {"k": draw(coefficient)},
             },
             "haste": {"weight": 0.5, "formula": "v"},
+            **draw(_hinges(unary)),
         },
     }
     return KnowledgeBaseFile.model_validate(content)

@@ -209,6 +209,16 @@ def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
                     ("weights", name, "coefficients", head),
                     "fine in an ablation; otherwise remove the coefficient or add a rule",
                 )
+    for name, term in kb.terms.items():
+        for head in term.heads:
+            if head not in heads:
+                yield Finding(
+                    "SF004",
+                    "warning",
+                    f"the formula of '{name}' reads '{head}', which no rule concludes: it is 0",
+                    ("terms", name, "formula"),
+                    "fine in an ablation; otherwise leave the head out or add a rule",
+                )
 
 
 def _without_use(kb: KnowledgeBase) -> Iterator[Finding]:
