@@ -91,14 +91,14 @@ class Stratum:
         rows: the row of each atom in the batch.
         scenes: for every atom, the scene in which it is the subject's, or -1.
         rules: how its rules could conclude them.
-        patterns: what of their literals has to be found beforehand.
+        patterns: what of their literals has to be found beforehand; None if nothing has.
     """
 
     head: str
     rows: Indices
     scenes: Indices
     rules: tuple[Groundings, ...]
-    patterns: Patterns
+    patterns: Patterns | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +299,7 @@ class _HeadRows:
                 _groundings(rule, found, atoms)
                 for (rule, _, _), found in zip(self._rules, self._found, strict=True)
             ),
-            patterns=_patterns(self._patterns),
+            patterns=_patterns(self._patterns) if self._patterns else None,
         )
 
 

@@ -72,7 +72,7 @@ class _Evaluation:
 
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
-        if len(stratum.patterns.rows):
+        if stratum.patterns is not None:
             self._match(stratum.patterns)
         disjuncts = [self._at(stratum.rows)]
         # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive

@@ -89,7 +89,9 @@ class Positive(AtomLiteral):
 
     def batch_holds(self, atoms: BatchBounds, rows: Array, thresholds: Thresholds) -> Array:
         possible = atoms.possible(rows)
-        enough = least(self.threshold(thresholds), atoms.backend.tolerance)
+        # Every literal of every batch comes here, and most ask for nothing themselves.
+        asked = self.threshold(thresholds) if self.minimum else thresholds.threshold
+        enough = least(asked, atoms.backend.tolerance)
         return possible & (atoms.lower(rows) >= enough) if enough > 0.0 else possible
 
     def query(self, thresholds: Thresholds) -> QueryClause:
