@@ -1,11 +1,12 @@
 """Rules and conditions as text ↔ clauses and bodies.
 
-The grammar, with `*` repeated; atoms and terms are those of `sfol.syntax`::
+The grammar, with `?` optional and `*` repeated; atoms and terms are those of `sfol.syntax`::
 
     rule      =  atom ":-" body "."
     condition =  body
     body      =  literal ("," literal)*
-    literal   =  atom | "not" atom | term "!=" term
+    literal   =  pattern (">=" number)? | "not" pattern | term "!=" term
+    pattern   =  atom, any of whose arguments may be "_"
 
 Each kind of literal is a class of `sfol.literals`, and reads itself.
 """
@@ -15,10 +16,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 
 from sfol.errors import ClauseError
 from sfol.literals import KINDS, AtomLiteral, Literal
-from sfol.syntax import Atom, Reader, variables
+from sfol.syntax import ANONYMOUS, Atom, Reader, variables
 
 MAXIMUM_LITERALS = 64
 
@@ -28,7 +30,8 @@ class Body:
     """What must hold.
 
     Attributes:
-        literals: those that stand for atoms first, then guards, each in the order of the text.
+        literals: those that stand for atoms first, then guards, each in the order of the text. An
+            anonymous variable of a literal that binds is called ``_1``, ``_2`` and so on.
         offsets: where each name stands in the text, for error messages.
     """
 
@@ -37,7 +40,10 @@ class Body:
 
     def __post_init__(self) -> None:
         ordered = sorted(self.literals, key=lambda literal: not isinstance(literal, AtomLiteral))
-        object.__setattr__(self, "literals", tuple(ordered))
+        taken = {term for literal in ordered for term in literal.terms}
+        names = (name for n in count(1) if (name := f"{ANONYMOUS}{n}") not in taken)
+        apart = tuple([literal.named_apart(names) for literal in ordered])
+        object.__setattr__(self, "literals", apart)
 
     def __str__(self) -> str:
         return ", ".join(map(str, self.literals))

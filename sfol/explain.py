@@ -169,7 +169,9 @@ class _Prover:
     def _term(self, term: RewardTerm) -> Node:
         value = self._outcome.terms[term.name]
         weight = self._outcome.weights[term.weight] if isinstance(term.weight, str) else term.weight
-        names = {**term.parameters, **self._signals}
+        confidences = self._outcome.confidences
+        read = {head: confidences.get(head, 0.0) for head in term.heads}
+        names = {**term.parameters, **self._signals, **read}
         component = term.formula(names)
         size = sum(abs(other) for other in self._outcome.terms.values())
         share = abs(value) / size if size else 0.0
@@ -183,6 +185,7 @@ class _Prover:
             {"formula": term.formula.text, "value": component, "names": names},
         )
         below = [self._weight(term.weight)] if isinstance(term.weight, str) else []
+        below += [self._head(head) for head in term.heads]
         text = (
             f"{term.name} {_number(value)} = {_number(weight)} × {_number(component)}"
             f"  ({share:.0%} of all terms)"
@@ -201,16 +204,21 @@ class _Prover:
         text = f"weight {name} {_number(value)} = 1/{weight.normalizer:g} of the sum below"
         return Node("weight", text, {"name": name, "value": value}, heads)
 
-    def _head(self, head: str, coefficient: float) -> Node:
+    def _head(self, head: str, coefficient: float | None = None) -> Node:
+        """Return the node of a head, which a weight names with a coefficient, or a formula."""
         atom = Atom(head, (self._kb.subject,))
         bound = self._tables.bound(atom)
-        values = {"atom": str(atom), "coefficient": coefficient}
+        values: dict[str, Any] = {"atom": str(atom)}
+        times = ""
+        if coefficient is not None:
+            values["coefficient"] = coefficient
+            times = f"{_number(coefficient)} × "
         if bound is None:
-            text = f"{_number(coefficient)} × 0      {atom}: nothing concluded"
+            text = f"{times}0      {atom}: nothing concluded"
             misses = tuple(self._misses(head))
             return Node("nothing", text, {**values, "bound": None, "confidence": 0.0}, misses)
         confidence = self._outcome.confidences[head]
-        text = f"{_number(coefficient)} × {_number(confidence)}  {atom} {bound}"
+        text = f"{times}{_number(confidence)}  {atom} {bound}"
         return Node(
             "head",
             text,
@@ -256,7 +264,8 @@ class _Prover:
         shown = keys[: max(self._left, 1)]
         self._left -= len(shown)
         grounded = (
-            literal.substituted(dict(zip(literal.terms, key, strict=True))) for key in shown
+            literal.substituted(dict(zip(literal.atom.arguments, key, strict=True)))
+            for key in shown
         )
         facts = tuple(self._fact(ground) for ground in grounded)
         if len(keys) == 1:
@@ -267,10 +276,10 @@ class _Prover:
 
     def _fact(self, literal: AtomLiteral) -> Node:
         atom = literal.atom
-        bound = literal.bound(self._tables.bound(atom))
+        bound = literal.bound(literal.known(self._tables))
         assert bound is not None, f"{literal} holds"
         derived = literal.monotone and atom in self._outcome.derived
-        source = "derived" if derived else self._origin(atom)
+        source = "derived" if derived else self._origin(literal)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
         proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
@@ -283,10 +292,10 @@ class _Prover:
         self._levels -= 1
         return proofs
 
-    def _origin(self, atom: Atom) -> str:
-        if self._tables.bound(atom) is None:
+    def _origin(self, literal: AtomLiteral) -> str:
+        if literal.known(self._tables) is None:
             return "unknown"
-        return "background" if atom in self._kb.background else "asserted"
+        return "background" if literal.atom in self._kb.background else "asserted"
 
 
 @dataclass(frozen=True)

@@ -158,7 +158,7 @@ class Formula:
         return cls(text, frozenset(reads.names), tuple(reads.ranges), tree, evaluate)
 
     def check_names(self, known: Collection[str]) -> None:
-        """Make sure that every name is a signal or a parameter.
+        """Make sure that every name is a signal, a parameter or a head.
 
         Raises:
             FormulaError: for the first name that is not known, with the most similar one; or it
@@ -173,7 +173,7 @@ class Formula:
             )
         for name in sorted(self.names - set(known)):
             raise FormulaError(
-                f"the formula reads '{name}', which is no signal and no parameter",
+                f"the formula reads '{name}', which is no signal, parameter or unary head",
                 name=name,
                 suggestion=f"read a signal of yours that is observed from: {name}"
                 if "." in name

@@ -511,7 +511,7 @@ class RewardFunction:
         confidences = self._confidences(bounds)
         weights = self._weighed(confidences)
         terms = {
-            name: self._term(term, weights, signals, Formula.__call__)
+            name: self._term(term, weights, confidences, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
         }
         return Outcome(
@@ -584,7 +584,8 @@ class RewardFunction:
         zeros = backend.full(size, 0.0)
         weights = self._array_weights(confidences, zeros)
         terms = {
-            name: zeros + backend.real(self._term(term, weights, signals, Formula.elementwise))
+            name: zeros
+            + backend.real(self._term(term, weights, confidences, signals, Formula.elementwise))
             for name, term in self.kb.terms.items()
         }
         return BatchOutcome(_total(terms, zeros), terms, weights, confidences, bounds)
@@ -611,12 +612,16 @@ class RewardFunction:
         self,
         term: RewardTerm,
         weights: Mapping[str, Array],
+        confidences: Mapping[str, Array],
         signals: Mapping[str, Array],
         evaluate: Callable[[Formula, Mapping[str, Array]], Array],
     ) -> Array:
         weight = weights[term.weight] if isinstance(term.weight, str) else term.weight
+        values = {**self.parameters[term.name].plain, **signals}
+        for head in term.heads:
+            values[head] = confidences.get(head, 0.0)
         try:
-            value = weight * evaluate(term.formula, {**self.parameters[term.name].plain, **signals})
+            value = weight * evaluate(term.formula, values)
         except FormulaError as error:
             raise _of_term(error, term.name) from None
         if not arrays.is_finite(value):

@@ -6,8 +6,9 @@ The grammar, with `?` optional and `*` repeated::
     atom      =  name "(" term ("," term)? ")"
     bound     =  "[" number "," number "]"
 
-An argument that begins with an upper-case letter is a variable, any other a constant. ``%`` and
-``#`` begin a comment that ends with the line. Rules are read by `sfol.clauses`.
+An argument that begins with an upper-case letter is a variable, any other a constant. In a body
+``_`` is a variable of its own wherever it stands. ``%`` and ``#`` begin a comment that ends with
+the line. Rules are read by `sfol.clauses`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,12 @@ from typing import NamedTuple
 from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
-OPERATORS = (":-", "!=")  # marks that stand between blanks; longer ones before their beginnings
+ANONYMOUS = "_"
+OPERATORS = (
+    ":-",
+    "!=",
+    ">=",
+)  # marks that stand between blanks; longer ones before their beginnings
 
 _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
@@ -43,7 +49,9 @@ _INSTEAD = {
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
-    "=": "X != Y is the only comparison",
+    "=": "X != Y and P(X) >= 0.5 are the only comparisons",
+    ">=": "a bound is asked of a positive literal: P(X) >= 0.5",
+    ">": "a bound is asked of a positive literal: P(X) >= 0.5",
 }
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
@@ -55,7 +63,13 @@ class Atom(NamedTuple):
     arguments: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"{self.predicate}({', '.join(self.arguments)})"
+        shown = (ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments)
+        return f"{self.predicate}({', '.join(shown)})"
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether it stands for all atoms that have anything where it has ``_``."""
+        return ANONYMOUS in self.arguments
 
     def substituted(self, values: Mapping[str, str]) -> Atom:
         """Return the atom with the terms that have a value replaced by it."""
@@ -101,8 +115,16 @@ class FactText(NamedTuple):
 
 
 def is_variable(term: str) -> bool:
-    """Tell whether an argument is a variable: its first letter is upper case."""
-    return term[0].isupper()
+    """Tell whether an argument is a variable: it begins with an upper-case letter.
+
+    So is ``_1``, the name that a body gives to an anonymous variable; ``_`` itself is no name.
+    """
+    return term[0].isupper() or is_anonymous(term)
+
+
+def is_anonymous(term: str) -> bool:
+    """Tell whether an argument is an anonymous variable of a body, such as ``_1``."""
+    return term[0] == ANONYMOUS and term != ANONYMOUS
 
 
 def is_name(text: str) -> bool:
@@ -237,12 +259,19 @@ class Reader:
             raise self._unexpected("the end")
 
     def atom(self) -> Atom:
-        """Read an atom."""
+        """Read an atom without anonymous variables."""
+        return self._atom(lambda: self.name("an argument"))
+
+    def pattern(self) -> Atom:
+        """Read an atom of a body, which may have anonymous variables."""
+        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.name("an argument"))
+
+    def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
         self.expect("(", f"a predicate has one or two arguments: {predicate}(X)")
-        arguments = [self.name("an argument")]
+        arguments = [argument()]
         if self.accept(","):
-            arguments.append(self.name("an argument"))
+            arguments.append(argument())
         self.expect(")", "a predicate has one or two arguments")
         return Atom(predicate, tuple(arguments))
 
@@ -307,6 +336,13 @@ class Reader:
         token = self._peek()
         if token.kind != "name":
             raise self._unexpected(what)
+        if token.text == ANONYMOUS:
+            raise ClauseError(
+                f"'{ANONYMOUS}' is {what} only of the literals P(X, _) and not P(X, _) of a body",
+                name=token.text,
+                suggestion="name the variable: it begins with an upper-case letter",
+                offset=token.offset,
+            )
         if not is_name(token.text):
             raise ClauseError(
                 f"'{token.text}' is not a name",
@@ -325,6 +361,19 @@ class Reader:
             raise self._unexpected("a number")
         self._position += 1
         return float(token.text)
+
+    def share(self) -> float:
+        """Read a number from 0 to 1."""
+        token = self._peek()
+        value = self.number()
+        if not 0.0 <= value <= 1.0:
+            raise ClauseError(
+                f"a bound can't be {token.text}",
+                name=token.text,
+                suggestion="bounds are numbers from 0 to 1",
+                offset=token.offset,
+            )
+        return value
 
     def _peek(self, ahead: int = 0) -> _Token:
         return self._tokens[min(self._position + ahead, len(self._tokens) - 1)]

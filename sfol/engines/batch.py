@@ -21,7 +21,7 @@ from sfol.errors import FactError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import Rule
 from sfol.literals import AtomLiteral, Reading, Search
-from sfol.literals.search import Constants
+from sfol.literals.search import Constants, matching
 from sfol.syntax import Atom
 
 
@@ -68,6 +68,21 @@ class Groundings:
 
 
 @dataclass(frozen=True, eq=False)
+class Patterns:
+    """The patterns that negated literals read, such as Near(p1, _): each is its greatest atom.
+
+    Attributes:
+        rows: the row of each pattern in the batch.
+        of: for every atom that some pattern stands for, that pattern's place in `rows`.
+        atoms: the row of each such atom.
+    """
+
+    rows: Indices
+    of: Indices
+    atoms: Indices
+
+
+@dataclass(frozen=True, eq=False)
 class Stratum:
     """The atoms of one head predicate that could be concluded.
 
@@ -76,12 +91,14 @@ class Stratum:
         rows: the row of each atom in the batch.
         scenes: for every atom, the scene in which it is the subject's, or -1.
         rules: how its rules could conclude them.
+        patterns: what of their literals has to be found beforehand; None if nothing has.
     """
 
     head: str
     rows: Indices
     scenes: Indices
     rules: tuple[Groundings, ...]
+    patterns: Patterns | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +202,10 @@ class _Encoder:
                     tables.put(atom, TRUE)
                 head.number(atom, rows[atom], self._size if atom == subject else -1)
             for read in (read for _, _, atoms in concluded for read in atoms):
-                if read not in rows:  # unknown, in a negated literal
+                if read not in rows:  # unknown, or a pattern, in a negated literal
                     rows[read] = self._new_row(Atom(*read), (0.0, 0.0), known=False)
+                if Atom(*read).is_pattern:
+                    head.read_pattern(Atom(*read), tables, rows)
             head.extend(concluded, rows)
         self._size += 1
 
@@ -223,6 +242,7 @@ class _HeadRows:
         self._scenes: list[int] = []
         self._rules = list(program.plans(head, program.knowledge_base.subject, _any_bound))
         self._found: list[list[tuple[int, ...]]] = [[] for _ in self._rules]
+        self._patterns: dict[int, list[int]] = {}
 
     def substitutions(self, tables: Tables) -> list[_Substitution]:
         """Return every substitution that could conclude an atom of the head in a scene."""
@@ -249,6 +269,14 @@ class _HeadRows:
         self._rows.append(row)
         self._scenes.append(scene)
 
+    def read_pattern(
+        self, pattern: Atom, tables: Tables, rows: Mapping[tuple[str, Constants], int]
+    ) -> None:
+        """Keep which atoms of the current scene a pattern stands for."""
+        if rows[pattern] not in self._patterns:
+            found = matching(tables, pattern)
+            self._patterns[rows[pattern]] = [rows[pattern.predicate, key] for key, _ in found]
+
     def extend(
         self, concluded: Sequence[_Substitution], rows: Mapping[tuple[str, Constants], int]
     ) -> None:
@@ -271,7 +299,16 @@ class _HeadRows:
                 _groundings(rule, found, atoms)
                 for (rule, _, _), found in zip(self._rules, self._found, strict=True)
             ),
+            patterns=_patterns(self._patterns) if self._patterns else None,
         )
+
+
+def _patterns(found: Mapping[int, Sequence[int]]) -> Patterns:
+    return Patterns(
+        np.array([*found], dtype=np.intp),
+        np.array([i for i, atoms in enumerate(found.values()) for _ in atoms], dtype=np.intp),
+        np.array([atom for atoms in found.values() for atom in atoms], dtype=np.intp),
+    )
 
 
 def _groundings(rule: Rule, found: Sequence[tuple[int, ...]], atoms: int) -> Groundings:

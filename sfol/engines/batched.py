@@ -13,7 +13,7 @@ from functools import reduce
 from typing import Any
 
 from sfol.arrays import Array, Backend
-from sfol.engines.batch import Batch, Groundings, Stratum
+from sfol.engines.batch import Batch, Groundings, Patterns, Stratum
 from sfol.knowledge_base import Semantics
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
 
@@ -72,6 +72,8 @@ class _Evaluation:
 
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
+        if stratum.patterns is not None:
+            self._match(stratum.patterns)
         disjuncts = [self._at(stratum.rows)]
         # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive
         # until the garbage collector comes by.
@@ -79,11 +81,7 @@ class _Evaluation:
         disjuncts += [gather(rule, len(stratum.rows)) for rule in stratum.rules]
         concluded = self._either(disjuncts)
         if stratum.head in self._batch.program.read_heads:
-            rows = self.backend.array(stratum.rows)
-            self._lower = self.backend.put(self._lower, rows, concluded.lower)
-            self._upper = self.backend.put(self._upper, rows, concluded.upper)
-            self._known = self.backend.put(self._known, rows, concluded.known)
-            self._possible = self._known & (self._upper > 0.0)
+            self._put(stratum.rows, concluded)
         return concluded
 
     def by_scene(self, stratum: Stratum, bounds: Bounds) -> Bounds:
@@ -97,6 +95,25 @@ class _Evaluation:
             backend.put(backend.full(size, 0.0), scenes, backend.take(bounds.upper, numbers)),
             backend.put(backend.full(size, False), scenes, backend.take(bounds.known, numbers)),
         )
+
+    def _match(self, patterns: Patterns) -> None:
+        """Give patterns the greatest bounds of the atoms that they stand for."""
+        backend, count = self.backend, len(patterns.rows)
+        atoms, of = self._at(patterns.atoms), backend.array(patterns.of)
+        groups = of[atoms.known]
+        known = backend.count_of(groups, count) > 0.0
+        lower, upper = (
+            backend.where(known, backend.largest_of(end[atoms.known], groups, count), 0.0)
+            for end in (atoms.lower, atoms.upper)
+        )
+        self._put(patterns.rows, Bounds(lower, upper, known))
+
+    def _put(self, rows: Any, bounds: Bounds) -> None:
+        rows = self.backend.array(rows)
+        self._lower = self.backend.put(self._lower, rows, bounds.lower)
+        self._upper = self.backend.put(self._upper, rows, bounds.upper)
+        self._known = self.backend.put(self._known, rows, bounds.known)
+        self._possible = self._known & (self._upper > 0.0)
 
     def _at(self, rows: Any) -> Bounds:
         rows = self.backend.array(rows)

@@ -28,12 +28,13 @@ from sfol.errors import WorkLimitError
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import AtomLiteral, Literal
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
-from sfol.syntax import is_variable, variables
+from sfol.syntax import ANONYMOUS, is_variable, variables
 
 Axes = tuple[str, ...]  # the domain of each argument
 Key = tuple[str, Axes]  # a predicate, and the domains of its arguments
 Blocks = Mapping[Key, Bounds]
 Sizes = Mapping[str, int]  # domain → how many entities it has
+_ALL = (slice(None), slice(None))
 _Argument = str | int  # a variable, or a place in the argument's domain
 
 
@@ -85,7 +86,7 @@ class _Operand:
     Attributes:
         literal: itself.
         key: the block that it reads; there may be none, and then nothing is known.
-        arguments: of its atom.
+        arguments: of its atom, but for ``_``, which the key has in place of a domain.
         names: its variables.
     """
 
@@ -219,13 +220,15 @@ class DenseProgram:
         for types in self._types([lit for lit in atoms if lit.binds], known, {}):
 
             def domain(term: str, types: Mapping[str, str] = types) -> str:
+                if term == ANONYMOUS:
+                    return term
                 return types[term] if is_variable(term) else places[term][0]
 
             operands = tuple(
                 _Operand(
                     literal,
                     (literal.atom.predicate, tuple(map(domain, literal.atom.arguments))),
-                    tuple(map(argument, literal.atom.arguments)),
+                    tuple(map(argument, literal.terms)),
                     frozenset(variables(*literal.terms)),
                 )
                 for literal in atoms
@@ -396,17 +399,12 @@ class _Evaluation:
     def _best(self, typed: Sequence[_Typed]) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
         backend, conjunction = self.backend, self._conjunction
-        single = [self._best_of(rule) for rule in typed]
-        known = reduce(operator.or_, (bounds.known for bounds in single))
-        lower, upper = (
-            reduce(backend.maximum, ends)
-            for ends in ([b.lower for b in single], [b.upper for b in single])
-        )
+        best = self._greater([self._best_of(rule) for rule in typed])
         count = len(typed[0].operands)
         return Bounds(
-            backend.where(known, conjunction.finish(lower, count), 0.0),
-            backend.where(known, conjunction.finish(upper, count), 0.0),
-            known,
+            backend.where(best.known, conjunction.finish(best.lower, count), 0.0),
+            backend.where(best.known, conjunction.finish(best.upper, count), 0.0),
+            best.known,
         )
 
     def _best_of(self, rule: _Typed) -> Bounds:
@@ -460,7 +458,8 @@ class _Evaluation:
     def _atoms(self, rule: _Typed, operand: _Operand) -> Bounds:
         """Return the bounds of the atoms that a literal stands for."""
         if id(operand) not in self._atoms_of:
-            found = self.blocks.get(operand.key) or self._unknown(len(operand.arguments))
+            known = self._greatest if ANONYMOUS in operand.key[1] else self.blocks.get
+            found = known(operand.key) or self._unknown(len(operand.arguments))
             self._atoms_of[id(operand)] = Bounds(
                 *(
                     self._placed(rule, operand.arguments, values)
@@ -468,6 +467,33 @@ class _Evaluation:
                 )
             )
         return self._atoms_of[id(operand)]
+
+    def _greatest(self, key: Key) -> Bounds | None:
+        """Return the greatest bounds over all entities, of any domain, where a key has ``_``."""
+        backend, (predicate, pattern) = self.backend, key
+        over = tuple(axis for axis, domain in enumerate(pattern) if domain == ANONYMOUS)
+        found: list[Bounds] = []
+        for (name, axes), block in self.blocks.items():
+            if name != predicate or any(
+                domain not in (ANONYMOUS, axis) for domain, axis in zip(pattern, axes, strict=True)
+            ):
+                continue
+            known = block.known
+            lower, upper = (backend.where(known, end, 0.0) for end in (block.lower, block.upper))
+            for axis in reversed(over):
+                first = (*_ALL[:axis], 0)
+                lower = backend.largest_along(lower, axis)[first]
+                upper = backend.largest_along(upper, axis)[first]
+                known = backend.any_along(known, axis)[first]
+            found.append(Bounds(lower, upper, known))
+        return self._greater(found) if found else None
+
+    def _greater(self, found: Sequence[Bounds]) -> Bounds:
+        return Bounds(
+            reduce(self.backend.maximum, [bounds.lower for bounds in found]),
+            reduce(self.backend.maximum, [bounds.upper for bounds in found]),
+            reduce(operator.or_, [bounds.known for bounds in found]),
+        )
 
     def _unknown(self, arity: int) -> Bounds:
         shape = (1,) * (arity + 1)

@@ -16,7 +16,7 @@ from sfol.errors import WorkLimitError
 from sfol.facts import Bound
 from sfol.literals import Criterion, Search, Step
 from sfol.literals.search import WORK_LIMIT, Constants, ExhaustedError
-from sfol.syntax import Atom, is_variable, variables
+from sfol.syntax import Atom, is_anonymous, is_variable, variables
 
 _Found = TypeVar("_Found")
 
@@ -195,7 +195,7 @@ class Plan:
     def substitutions(
         self, tables: Tables, given: Sequence[str] = (), *, most: int | None = None
     ) -> list[dict[str, str]]:
-        """Return substitutions of variables by constants that satisfy the body.
+        """Return distinct substitutions of named variables by constants that satisfy the body.
 
         Args:
             tables: the scene.
@@ -206,16 +206,18 @@ class Plan:
         Raises:
             WorkLimitError: see `search`; only if all are looked for.
         """
-        found: list[dict[str, str]] = []
+        found: dict[Constants, None] = {}
+        slots = [slot for slot, name in enumerate(self.variables) if not is_anonymous(name)]
+        names = [self.variables[slot] for slot in slots]
 
         def keep(search: Search) -> None:
-            found.append(dict(zip(self.variables, search.values, strict=False)))
+            found[tuple([search.values[slot] for slot in slots])] = None
             if len(found) == most:
                 raise _EnoughError
 
         with suppress(_EnoughError, *([] if most is None else [WorkLimitError])):
             self.search(tables, keep, given)
-        return found
+        return [dict(zip(names, values, strict=True)) for values in found]
 
 
 class _EnoughError(Exception):

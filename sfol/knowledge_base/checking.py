@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from graphlib import CycleError, TopologicalSorter
 
 from sfol.clauses import Body, parse_clause, parse_condition
@@ -87,14 +87,14 @@ class _Checker:
             self._check_rule(name, rule, predicates)
         for index, condition in conditions.items():
             self._check_condition(index, condition, predicates)
-        self._check_heads_are_used(declared, rules, conditions.values())
+        terms = self._terms(rules)
+        self._check_heads_are_used(declared, rules, conditions.values(), terms.values())
         self._check_cycles(rules)
         self._check_semantics()
         self._check_signals()
         observation = ObservationChecker(file, self._reporter)
         observation.check({file.subject}.union(*(atom.arguments for atom in background)))
         self._check_weights(rules)
-        terms = self._terms()
         facts = observation.facts(background, self._heads - declared.keys())
         for fact in facts:
             self._check_atom(("facts", fact.text), fact.atom, predicates, offset=0)
@@ -184,14 +184,15 @@ class _Checker:
                 atoms.append(atom)
         return tuple(atoms)
 
-    def _terms(self) -> dict[str, RewardTerm]:
+    def _terms(self, rules: Mapping[str, Rule]) -> dict[str, RewardTerm]:
+        heads = self._heads_with(rules, 1)
         return {
             name: term
             for name, entry in self._file.terms.items()
-            if (term := self._term(name, entry)) is not None
+            if (term := self._term(name, entry, heads)) is not None
         }
 
-    def _term(self, name: str, entry: Term) -> RewardTerm | None:
+    def _term(self, name: str, entry: Term, heads: Set[str]) -> RewardTerm | None:
         weights, signals = self._file.weights, self._file.signals
         if isinstance(entry.weight, str) and entry.weight not in weights:
             self._reporter.unknown(("terms", name, "weight"), "weight", entry.weight, weights)
@@ -210,7 +211,18 @@ class _Checker:
         formula = self._reporter.parsed(path, Formula.parse, entry.formula)
         if formula is None:
             return None
-        self._reporter.parsed(path, formula.check_names, {*signals, *entry.parameters})
+        known = {*signals, *entry.parameters, *heads}
+        self._reporter.parsed(path, formula.check_names, known | self._reporter.unread)
+        read = tuple(sorted(formula.names & heads))
+        for head in formula.names & heads & {*signals, *entry.parameters}:
+            other = "signal" if head in signals else "parameter"
+            self._reporter.report(
+                path,
+                f"'{head}' is a {other} and a head: the formula of '{name}' could mean either",
+                head,
+                f"rename the {other} or the head",
+                offset=formula.offset_of(head),
+            )
         for parameter in entry.parameters:
             if parameter not in formula.names and can_be_read(parameter):
                 self._reporter.report(
@@ -219,7 +231,7 @@ class _Checker:
                     parameter,
                     did_you_mean(parameter, formula.names.difference(signals)),
                 )
-        return RewardTerm(name, entry.weight, formula, entry.parameters, entry.description)
+        return RewardTerm(name, entry.weight, formula, entry.parameters, entry.description, read)
 
     # -- rules --------------------------------------------------------------------------------
 
@@ -299,12 +311,14 @@ class _Checker:
         declared: Mapping[str, Predicate],
         rules: Mapping[str, Rule],
         conditions: Iterable[EntityCondition],
+        terms: Iterable[RewardTerm],
     ) -> None:
         """A head that nobody declared and nobody reads is most likely misspelt."""
         bodies = [rule.clause.body for rule in rules.values()]
         bodies += [condition.when for condition in conditions]
         used = {name for body in bodies for name in body.predicates}
         used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
+        used |= {head for term in terms for head in term.heads}
         unknown = used - {*declared, *(rule.clause.head.predicate for rule in rules.values())}
         for name, rule in rules.items():
             head = rule.clause.head.predicate
@@ -353,16 +367,21 @@ class _Checker:
                 )
 
     def _check_weights(self, rules: Mapping[str, Rule]) -> None:
-        arity = {r.clause.head.predicate: len(r.clause.head.arguments) for r in rules.values()}
-        unary = {head for head, count in arity.items() if count == 1} | self._removed_heads
+        unary, binary = self._heads_with(rules, 1), self._heads_with(rules, 2)
         for name, weight in self._file.weights.items():
             for head in weight.coefficients:
                 path = ("weights", name, "coefficients", head)
-                if head not in unary and head in arity:
+                if head not in unary and head in binary:
                     self._reporter.report(path, f"the head '{head}' has two arguments", head,
                                  "a weight is made of heads with one, the subject")  # fmt: skip
                 elif head not in unary:
                     self._reporter.unknown(path, "head", head, unary)
+
+    def _heads_with(self, rules: Mapping[str, Rule], arity: int) -> frozenset[str]:
+        """Return the heads of so many arguments; what an overlay removed may have had one."""
+        heads = (rule.clause.head for rule in rules.values())
+        found = {head.predicate for head in heads if len(head.arguments) == arity}
+        return self._removed_heads.union(found) if arity == 1 else frozenset(found)
 
     def _check_observed(self, path: Path, case: Case) -> None:
         """Check what a test observes; whether it has the parts that are read, its run shows."""

@@ -192,7 +192,7 @@ class Term(_Section):
 
     weight: str | FiniteFloat = Field(description="A weight's name, or a constant.")
     formula: _Formula = Field(
-        description="Over signals and parameters, such as -xi * (v - v_next)**2."
+        description="Over signals, parameters and heads, such as -xi * (v - v_next)**2."
     )
     parameters: dict[str, FiniteFloat] = Field(default_factory=dict, description="Name → number.")
     description: str = Field("", description="What it rewards or punishes.")

@@ -90,8 +90,9 @@ class KnowledgeBase(Parts):
 
     @property
     def weighed(self) -> frozenset[str]:
-        """The heads that some weight names."""
-        return frozenset(head for w in self.weights.values() for head in w.coefficients)
+        """The heads that some weight or formula names."""
+        weighed = {head for weight in self.weights.values() for head in weight.coefficients}
+        return frozenset(weighed.union(*(term.heads for term in self.terms.values())))
 
     @property
     def read(self) -> frozenset[str]:

@@ -64,9 +64,10 @@ class RewardTerm:
     Attributes:
         name: unique in the knowledge base.
         weight: the name of a weight, or a constant.
-        formula: of signals and parameters.
+        formula: of signals, parameters and heads.
         parameters: name → number.
         description: what it rewards or punishes.
+        heads: those that the formula reads: the subject's confidences.
     """
 
     name: str
@@ -74,6 +75,7 @@ class RewardTerm:
     formula: Formula
     parameters: Mapping[str, float]
     description: str = ""
+    heads: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

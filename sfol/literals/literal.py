@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import ClassVar, NamedTuple, Protocol, Self
 
 from sfol.arrays import Array, Backend
@@ -126,6 +126,10 @@ class Literal(ABC):
     def substituted(self, values: Mapping[str, str]) -> Self:
         """Return the literal with the terms that have a value replaced by it."""
 
+    def named_apart(self, names: Iterator[str]) -> Self:
+        """Return the literal with each anonymous variable that it binds called by another name."""
+        return self
+
     @abstractmethod
     def matched(self, target: Literal, values: Mapping[str, str]) -> Mapping[str, str] | None:
         """Return the substitution, extended so that it turns this literal into the target.
@@ -224,6 +228,10 @@ class AtomLiteral(Literal):
     def atoms(self) -> tuple[Atom, ...]:
         """The atoms that it reads; they must fit the declared predicates."""
         return (self.atom,)
+
+    def known(self, scene: Scene) -> Bound | None:
+        """Return what is known of its atom in a scene; it must be ground."""
+        return scene.bound(self.atom)
 
     @abstractmethod
     def bound(self, known: Bound | None) -> Bound | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Protocol
 
 from sfol.facts import TRUE, Bound
-from sfol.syntax import Atom
+from sfol.syntax import ANONYMOUS, Atom
 
 Constants = tuple[str, ...]
 Row = tuple[Constants, Bound]
@@ -29,6 +29,22 @@ class Scene(Protocol):
     def rows_with(self, predicate: str, position: int, constant: str) -> Collection[Row]:
         """Return the known atoms that have a constant at a position."""
         ...
+
+
+def matching(scene: Scene, pattern: Atom) -> Collection[Row]:
+    """Return the known atoms that a ground pattern stands for, as ``Near(p1, _)`` does."""
+    for position, constant in enumerate(pattern.arguments):
+        if constant != ANONYMOUS:
+            return scene.rows_with(pattern.predicate, position, constant)
+    return scene.rows(pattern.predicate).items()
+
+
+def greatest(rows: Iterable[Row]) -> Bound | None:
+    """Return the greatest lower and the greatest upper bound of atoms; None if there are none."""
+    bounds = [bound for _, bound in rows]
+    if not bounds:
+        return None
+    return Bound(max(bound.lower for bound in bounds), max(bound.upper for bound in bounds))
 
 
 class Search:

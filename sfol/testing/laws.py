@@ -127,6 +127,17 @@ def the_reward_is_the_sum_of_its_terms(
     assert outcome.reward == sum(outcome.terms.values())
 
 
+def terms_are_weights_times_formulas(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """A term is its weight times its formula, which may read the subject's confidences."""
+    outcome, signals = _evaluated(reward, facts), _signals(reward)
+    given = {name: signals.get(name, signal.default) for name, signal in reward.kb.signals.items()}
+    for name, term in reward.kb.terms.items():
+        values = {**term.parameters, **{n: v for n, v in given.items() if v is not None}}
+        values |= {head: outcome.confidences.get(head, 0.0) for head in term.heads}
+        weight = term.weight if not isinstance(term.weight, str) else outcome.weights[term.weight]
+        assert _near(weight * term.formula(values), outcome.terms[name]), name
+
+
 def a_batch_is_its_scenes(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """A batch gives what its scenes give one by one."""
     some = [pair for pair in facts.items() if random.random() < 0.5]
@@ -152,6 +163,7 @@ LAWS: Sequence[Law] = (
     heads_that_did_not_fire_are_zero,
     printed_rules_are_the_rules,
     the_reward_is_the_sum_of_its_terms,
+    terms_are_weights_times_formulas,
     a_batch_is_its_scenes,
 )
 

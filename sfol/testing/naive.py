@@ -109,10 +109,11 @@ def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Know
     match literal:
         case Positive():
             # A positive literal holds iff the atom is known, its upper bound is above 0 and its
-            # lower bound reaches the rule's threshold.
+            # lower bound reaches the rule's threshold, and the one that it asks for itself.
             if bound is None or bound.upper <= 0:
                 return False
-            return _reaches(bound.lower, rule.threshold)
+            asked = (rule.threshold, literal.minimum)
+            return all(_reaches(bound.lower, threshold) for threshold in asked)
         case Negated():
             # A negated literal holds iff its lower bound reaches the negation threshold.
             return bound is not None and _reaches(bound.lower, rule.negation_threshold)
@@ -126,11 +127,25 @@ def _literal_bound(literal: Literal, substitution: Substitution, known: Known) -
     atom = _atom(literal)
     if atom is None:  # a guard has no bound
         return None
-    bound = known.get(_grounded(atom, substitution))
+    ground = _grounded(atom, substitution)
     if not isinstance(literal, Negated):
-        return bound
+        return known.get(ground)
+    bound = _strongest(ground, known)
     # A negated literal has the bound [1, 1] if the atom is unknown, else [1 − u, 1 − l].
     return Bound(1.0, 1.0) if bound is None else Bound(1 - bound.upper, 1 - bound.lower)
+
+
+def _strongest(pattern: Atom, known: Known) -> Bound | None:
+    # not P(X, _) denies every P(X, e) at once: l and u are the greatest of all that are known.
+    bounds = [
+        bound
+        for atom, bound in known.items()
+        if atom.predicate == pattern.predicate
+        and all(p in ("_", a) for p, a in zip(pattern.arguments, atom.arguments, strict=True))
+    ]
+    if not bounds:
+        return None
+    return Bound(max(bound.lower for bound in bounds), max(bound.upper for bound in bounds))
 
 
 def _atom(literal: Literal) -> Atom | None:

@@ -21,7 +21,7 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.literals import Literal, Negated, NotEqual, Positive
 from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
-from sfol.syntax import Atom, variables
+from sfol.syntax import ANONYMOUS, Atom, variables
 
 try:
     from hypothesis import strategies as st
@@ -79,12 +79,26 @@ def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.S
     )
 
 
+@st.composite
+def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) -> Atom:
+    """Draw an atom in which ``_`` may stand, though not often."""
+    atom = draw(_atoms(predicates, names))
+    blank = draw(_mostly((), (0,), (1,), (0, 1)))
+    return Atom(
+        atom.predicate,
+        tuple(ANONYMOUS if at in blank else term for at, term in enumerate(atom.arguments)),
+    )
+
+
 def _positive(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
-    return st.lists(_atoms(readable, bound).map(Positive), min_size=1, max_size=4)
+    minimum = _mostly(0.0, 0.125, 0.5, 1.0)
+    return st.lists(
+        st.builds(Positive, _patterns(readable, bound), minimum), min_size=1, max_size=4
+    )
 
 
 def _negated(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
-    return st.lists(_atoms(readable, bound).map(Negated), max_size=2)
+    return st.lists(_patterns(readable, bound).map(Negated), max_size=2)
 
 
 def _not_equal(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
@@ -157,6 +171,16 @@ def _heads(rules: dict[str, dict[str, Any]]) -> list[str]:
     return sorted({entry["rule"].partition("(")[0] for entry in rules.values()})
 
 
+def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
+    """Draw terms whose formulas read heads: one, or none."""
+    if not heads:
+        return st.just({})
+    pairs = st.tuples(st.sampled_from(heads), st.sampled_from(heads))
+    formulas = pairs.map(lambda pair: f"-max(0, {pair[0]} - {pair[1]} / 2)**2")
+    hinges = formulas.map(lambda formula: {"hinge": {"weight": 2.0, "formula": formula}})
+    return st.just({}) | hinges
+
+
 @st.composite
 def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
@@ -194,6 +218,7 @@ def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
                 "parameters": {"k": draw(coefficient)},
             },
             "haste": {"weight": 0.5, "formula": "v"},
+            **draw(_hinges(unary)),
         },
     }
     return KnowledgeBaseFile.model_validate(content)

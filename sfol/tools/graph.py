@@ -77,6 +77,8 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
         graph.add_node(GraphNode("term", term.name))
         if isinstance(term.weight, str):
             graph.add_edge(GraphNode("weight", term.weight), GraphNode("term", term.name))
+        for head in term.heads:
+            graph.add_edge(GraphNode("head", head), GraphNode("term", term.name))
     return graph
 
 

@@ -44,7 +44,7 @@ from sfol.knowledge_base.positions import Keys, entries
 from sfol.literals import Negated, Positive
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, least
 from sfol.reading import text_of
-from sfol.syntax import Atom, variables
+from sfol.syntax import variables
 from sfol.tools.replay import ReplayedEpisode
 from sfol.tools.subsumption import compared
 
@@ -148,9 +148,9 @@ def _why_never(rule: Rule, barren: Set[str]) -> str | None:
     for literal in body.literals:
         if literal.never_holds():
             return f"'{literal}' is never true"
-    for atom in _contradictions(body):
-        if _excludes(rule):
-            return f"{atom} and not {atom} exclude each other at its thresholds"
+    for literal in _contradictions(body):
+        if _excludes(rule, literal):
+            return f"{literal} and not {literal.atom} exclude each other at its thresholds"
     for literal in body.atom_literals:
         if literal.binds and literal.atom.predicate in barren:
             return f"no rule that can fire concludes '{literal.atom.predicate}'"
@@ -159,29 +159,29 @@ def _why_never(rule: Rule, barren: Set[str]) -> str | None:
 
 def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
     for name, rule in kb.rules.items():
-        for atom in _contradictions(rule.clause.body):
-            if not _excludes(rule):
+        for literal in _contradictions(rule.clause.body):
+            if not _excludes(rule, literal):
                 most = 1.0 - rule.negation_threshold
                 yield Finding(
                     "SF002",
                     "warning",
-                    f"the rule '{name}' asks for {atom} and for not {atom}: "
+                    f"the rule '{name}' asks for {literal} and for not {literal.atom}: "
                     f"it holds only while the upper bound is at most {most:g}",
                     ("rules", name),
                     "remove one of the two literals",
                 )
 
 
-def _contradictions(body: Body) -> list[Atom]:
+def _contradictions(body: Body) -> list[Positive]:
     negated = {lit.atom for lit in body.atom_literals if isinstance(lit, Negated)}
-    positive = (lit.atom for lit in body.atom_literals if isinstance(lit, Positive))
-    return [atom for atom in positive if atom in negated]
+    positive = (lit for lit in body.atom_literals if isinstance(lit, Positive))
+    return [literal for literal in positive if literal.atom in negated]
 
 
-def _excludes(rule: Rule) -> bool:
+def _excludes(rule: Rule, literal: Positive) -> bool:
     """Tell whether no bound meets both thresholds: l ≥ threshold, 1 − u ≥ negation threshold."""
     most = 1.0 - least(rule.negation_threshold)
-    return rule.negation_threshold >= 1.0 or least(rule.threshold) > most
+    return rule.negation_threshold >= 1.0 or least(literal.threshold(rule)) > most
 
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
@@ -208,6 +208,16 @@ def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
                     f"the weight '{name}' names '{head}', which no rule concludes: it adds 0",
                     ("weights", name, "coefficients", head),
                     "fine in an ablation; otherwise remove the coefficient or add a rule",
+                )
+    for name, term in kb.terms.items():
+        for head in term.heads:
+            if head not in heads:
+                yield Finding(
+                    "SF004",
+                    "warning",
+                    f"the formula of '{name}' reads '{head}', which no rule concludes: it is 0",
+                    ("terms", name, "formula"),
+                    "fine in an ablation; otherwise leave the head out or add a rule",
                 )
 
 

@@ -49,6 +49,17 @@ def of(kitchen, rule, **thresholds):
     return replace(kitchen, rules={name: changed})
 
 
+@given(lower=hundredths, minimum=hundredths, threshold=hundredths)
+def test_a_literal_that_asks_for_a_bound_decides_as_fractions_do(
+    kitchen, lower, minimum, threshold
+):
+    rule = f"careful(X) :- Hot(X) >= {minimum / 100}."
+    kb = of(kitchen, rule, threshold=threshold / 100)
+    facts = Facts()
+    facts.add("Hot", "cook", bound=(lower / 100, 1.0))
+    assert set(decisions(kb, facts)) == {lower >= max(minimum, threshold)}
+
+
 @given(lower=hundredths, threshold=hundredths, scale=scales)
 def test_a_positive_literal_decides_as_fractions_do(kitchen, lower, threshold, scale):
     exact = scale * Fraction(lower, 100), scale * Fraction(threshold, 100)
