@@ -26,7 +26,7 @@ from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import Scenes, ScenesReader
-from sfol.observations.plans import Observation, Step, read_for_facts
+from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
@@ -273,10 +273,10 @@ class RewardFunction:
             SignalError: something that is read is not given or has another form than the knowledge
                 base says, or a number that is read, or a signal, is NaN.
         """
-        step = Step(observation, action, next_observation, native, terminated, truncated)
+        step = ObservedStep(observation, action, next_observation, native, terminated, truncated)
         return self._signals_of(step, given)
 
-    def _signals_of(self, step: Step, given: Mapping[str, float]) -> dict[str, float]:
+    def _signals_of(self, step: ObservedStep, given: Mapping[str, float]) -> dict[str, float]:
         read = self._reader.signals(step, but=given)
         return {**read, **given}
 
@@ -314,7 +314,7 @@ class RewardFunction:
         Raises:
             The errors of `observe`, `observe_signals` and `evaluate`.
         """
-        step = Step(observation, action, next_observation, native, terminated, truncated)
+        step = ObservedStep(observation, action, next_observation, native, terminated, truncated)
         if self._scenes_reader.has_many(step):
             return self._of_scenes(step, signals)
         facts = self.observe(read_for_facts(self.kb, step))
@@ -335,7 +335,7 @@ class RewardFunction:
 
         Args and errors are those of `transition`.
         """
-        step = Step(observation, action, next_observation, native, terminated, truncated)
+        step = ObservedStep(observation, action, next_observation, native, terminated, truncated)
         return self._of_scenes(step, signals)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
@@ -444,7 +444,7 @@ class RewardFunction:
         Raises:
             The errors of `observe`.
         """
-        step = Step(observation, next_observation=observation)
+        step = ObservedStep(observation, next_observation=observation)
         # None of the signals is read.
         scenes = self._scenes_reader.read(
             step, given=dict.fromkeys(self.kb.signals, 0.0), numbers=self._all_numbers()
@@ -534,7 +534,7 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def _of_scenes(self, step: Step, given: Mapping[str, Array]) -> BatchOutcome:
+    def _of_scenes(self, step: ObservedStep, given: Mapping[str, Array]) -> BatchOutcome:
         scenes = self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
         signals = {
             name: _column(name, value, scenes.size)

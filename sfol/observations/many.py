@@ -21,10 +21,10 @@ from sfol.knowledge_base import KnowledgeBase, ObservedFact, Source
 from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
+    FormulaPlan,
     Observation,
-    Plan,
+    ObservedStep,
     Range,
-    Step,
     fits,
     part_at,
     plan_of,
@@ -97,7 +97,7 @@ class ScenesReader:
         """The keys of the blocks that are read."""
         return [(fact.atom.predicate, fact.slots[1:]) for fact in self._kb.facts]
 
-    def has_many(self, step: Step) -> bool:
+    def has_many(self, step: ObservedStep) -> bool:
         """Tell whether a step is of many scenes.
 
         The first part that is a table or has fields shows it by its number of axes. Where all parts
@@ -128,7 +128,7 @@ class ScenesReader:
 
     def read(
         self,
-        step: Step,
+        step: ObservedStep,
         *,
         given: Mapping[str, Array],
         numbers: Sequence[Array] = (),
@@ -167,7 +167,7 @@ class ScenesReader:
         )
 
 
-def _parts_of(plan: Plan) -> Iterator[_PartName]:
+def _parts_of(plan: FormulaPlan) -> Iterator[_PartName]:
     """Yield what a formula reads: which whole, which part of it, and whether that is a table."""
     for entities in (*plan.variables, *plan.quantified.values()):
         yield from ((entities.whole, table, True) for table in entities.sort.tables)
@@ -213,7 +213,7 @@ class _Scenes:
         sources: Mapping[str, Source],
         wholes: Mapping[str, Observation],
         error: Error,
-        plans: Sequence[Plan],
+        plans: Sequence[FormulaPlan],
     ) -> None:
         self._sources = sources
         self._wholes = wholes
@@ -249,7 +249,7 @@ class _Scenes:
             if arrays.has_nan(part.numbers):
                 self._parts[name, source] = self._without_nan(name, source, part)
 
-    def values(self, plan: Plan) -> dict[str, Any]:
+    def values(self, plan: FormulaPlan) -> dict[str, Any]:
         """Return what a formula reads, with an axis for each of the fact's variables."""
         rank = len(plan.variables)
         values: dict[str, Any] = {
@@ -391,7 +391,7 @@ class _Scenes:
         )
 
 
-def _block(fact: ObservedFact, plan: Plan, scenes: _Scenes, margin: float) -> Block:
+def _block(fact: ObservedFact, plan: FormulaPlan, scenes: _Scenes, margin: float) -> Block:
     backend = scenes.backend
     rank = len(plan.variables)
     shape = (*(scenes.rows(entities) for entities in plan.variables), scenes.size)
@@ -420,7 +420,7 @@ def _axes(fact: ObservedFact) -> tuple[slice | None, ...]:
 
 
 def _no_confidence(
-    fact: ObservedFact, plan: Plan, confidence: Array, known: Array, shape: tuple[int, ...]
+    fact: ObservedFact, plan: FormulaPlan, confidence: Array, known: Array, shape: tuple[int, ...]
 ) -> FactError:
     values = np.broadcast_to(arrays.plain(confidence), shape)
     wrong = np.broadcast_to(arrays.plain(known), shape) & ~((values >= 0.0) & (values <= 1.0))
@@ -437,7 +437,7 @@ def _no_confidence(
     )
 
 
-def _signal(name: str, plan: Plan, scenes: _Scenes) -> Array:
+def _signal(name: str, plan: FormulaPlan, scenes: _Scenes) -> Array:
     value = scenes.backend.real(plan.formula.unchecked(scenes.values(plan)))
     if arrays.has_nan(value):
         raise SignalError(f"the signal '{name}' is NaN: '{plan.formula}'", name=name)

@@ -18,7 +18,7 @@ Observation = Any  # mappings, sequences and arrays, nested in any way
 
 
 @dataclass(frozen=True)
-class Step:
+class ObservedStep:
     """What can be read of one step, or of B steps; what nothing reads may be None.
 
     Attributes:
@@ -51,13 +51,13 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Reading:
+class NameReading:
     """A name of a formula, and the number that it means.
 
     Attributes:
         name: as in the formula, such as ``next.ego.speed`` or ``P.x``.
         whole: which of the things that are read: ``""`` for the observation, or as in
-            `Step.wholes`.
+            `ObservedStep.wholes`.
         source: a part of it.
         column: of that part.
     """
@@ -84,11 +84,11 @@ class Range:
     name: str
     sort: Sort
     entities: tuple[str, ...]
-    readings: tuple[Reading, ...]
+    readings: tuple[NameReading, ...]
 
 
 @dataclass(frozen=True)
-class Plan:
+class FormulaPlan:
     """A formula, with what it reads.
 
     Attributes:
@@ -99,7 +99,7 @@ class Plan:
     """
 
     formula: Formula
-    readings: tuple[Reading, ...]
+    readings: tuple[NameReading, ...]
     quantified: Mapping[str, Range]
     variables: tuple[Range, ...] = ()
 
@@ -116,7 +116,9 @@ _WHOLES = {
 }
 
 
-def plan_of(kb: KnowledgeBase, formula: Formula, sorts: Mapping[str, str] = _NO_SORTS) -> Plan:
+def plan_of(
+    kb: KnowledgeBase, formula: Formula, sorts: Mapping[str, str] = _NO_SORTS
+) -> FormulaPlan:
     """Return what a formula of a fact or signal reads.
 
     Args:
@@ -125,7 +127,7 @@ def plan_of(kb: KnowledgeBase, formula: Formula, sorts: Mapping[str, str] = _NO_
         sorts: variable of the fact → sort.
     """
     own = {name: name.partition(".")[0] for name in sorted(formula.names)}
-    return Plan(
+    return FormulaPlan(
         formula,
         tuple(_reading(kb, name) for name, first in own.items() if first not in sorts),
         {r.key: _range(kb, r.sort, sorted(r.names)) for r in formula.ranges},
@@ -140,19 +142,19 @@ def _range(kb: KnowledgeBase, name: str, names: Sequence[str]) -> Range:
     whole, _, own = name.rpartition(".")
     sort = kb.entities[own]
     fields = fields_of(kb.observation, sort)
-    readings = [Reading(used, whole, *fields[used.partition(".")[2]]) for used in names]
+    readings = [NameReading(used, whole, *fields[used.partition(".")[2]]) for used in names]
     return Range(whole, own, sort, entity_names(own, sort), tuple(readings))
 
 
-def _reading(kb: KnowledgeBase, name: str) -> Reading:
+def _reading(kb: KnowledgeBase, name: str) -> NameReading:
     first, *rest = name.split(".")
     whole = first if first in (NEXT, ACTION, *STEP) else ""
     source, *field = rest if first == NEXT else (first, *rest)
     column = with_step(kb.observation)[source].columns[field[0]] if field else 0
-    return Reading(name, whole, source, column)
+    return NameReading(name, whole, source, column)
 
 
-def read_for_facts(kb: KnowledgeBase, step: Step) -> Observation:
+def read_for_facts(kb: KnowledgeBase, step: ObservedStep) -> Observation:
     """Return the observation of a step that facts are read off.
 
     Raises:
@@ -200,7 +202,7 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
     Args:
         whole: the observation, or the action.
         path: the keys, from the outside in.
-        name: which whole it is, as in `Reading`.
+        name: which whole it is, as in `NameReading`.
         error: what is raised where there is no such part.
     """
     if whole is None:

@@ -21,11 +21,11 @@ from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
 from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
+    FormulaPlan,
+    NameReading,
     Observation,
-    Plan,
+    ObservedStep,
     Range,
-    Reading,
-    Step,
     fits,
     part_at,
     plan_of,
@@ -82,7 +82,7 @@ class ObservationReader:
 
     def signals(
         self,
-        step: Step,
+        step: ObservedStep,
         *,
         but: Container[str] = (),
     ) -> dict[str, float]:
@@ -116,7 +116,7 @@ def _signal(name: str, formula: Formula, values: Mapping[str, Any]) -> float:
         ) from None
 
 
-def _add(facts: Facts, fact: ObservedFact, plan: Plan, scene: _Scene) -> None:
+def _add(facts: Facts, fact: ObservedFact, plan: FormulaPlan, scene: _Scene) -> None:
     """Add the atoms of a fact for all entities."""
     shared = scene.values(plan)
     margin = 0.0 if fact.exact else facts.margin
@@ -174,7 +174,7 @@ class _Scene:
         self._records: dict[tuple[str, str], list[float]] = {}
         self._tables: dict[tuple[str, str], _Table] = {}
 
-    def values(self, plan: Plan) -> dict[str, Any]:
+    def values(self, plan: FormulaPlan) -> dict[str, Any]:
         """Return what a formula reads that has no variable of a fact."""
         values: dict[str, Any] = {}
         for reading in plan.readings:
@@ -202,7 +202,7 @@ class _Scene:
         """Raise the error that a number is NaN."""
         raise self._error(f"{what} is NaN in the observation", name=what)
 
-    def _record(self, reading: Reading) -> list[float]:
+    def _record(self, reading: NameReading) -> list[float]:
         key = (reading.whole, reading.source)
         if key not in self._records:
             self._records[key] = self._block(*key).tolist()

@@ -10,7 +10,7 @@ from sfol.errors import SfolError
 from sfol.facts import Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.knowledge_base.observing import ACTION, NEXT, STEP
-from sfol.observations.plans import Step, read_for_facts
+from sfol.observations.plans import ObservedStep, read_for_facts
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 
@@ -99,7 +99,7 @@ def written_out(reward: RewardFunction, case: Case) -> Case:
     if case.observation is None:
         return case
     observed = (case.observation, case.action, case.next)
-    step = Step(*observed, case.native, case.terminated, case.truncated)
+    step = ObservedStep(*observed, case.native, case.terminated, case.truncated)
     signals = reward.observe_signals(*step.wholes.values(), **case.signals)
     facts = str(reward.observe(read_for_facts(reward.kb, step)))
     read = dict.fromkeys(("observation", ACTION, NEXT, *STEP))

@@ -2,8 +2,8 @@
 
 Inputs, what ReLUs give, and the weights of convolutions are rounded; that is all that goes into
 convolutions. Weights are known; how large the rest becomes is read off the normalisations, which
-have learnt it: channel c of what they give has the mean β_c and the standard deviation |γ_c| over
-the frames of the training. So no frames are needed.
+have learnt it: channel c of what they give has the mean β_c and the standard deviation abs(γ_c)
+over the frames of the training. So no frames are needed.
 
 Source: B. Jacob et al., "Quantization and training of neural networks for efficient
 integer-arithmetic-only inference", CVPR 2018, for the rounding; M. Nagel et al., "Data-free
