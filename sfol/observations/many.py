@@ -18,7 +18,6 @@ from sfol.arrays import Array, Backend
 from sfol.errors import FactError, SignalError
 from sfol.formula import Entities
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Source
-from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
     FormulaPlan,
@@ -27,7 +26,7 @@ from sfol.observations.plans import (
     Range,
     fits,
     part_at,
-    plan_of,
+    plans_of,
     read_for_facts,
     shape_of,
     under,
@@ -88,9 +87,7 @@ class ScenesReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self._sources = with_step(kb.observation)
-        self._facts = [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts]
-        self._signals = {name: plan_of(kb, f) for name, f in kb.observed_signals.items()}
+        self._sources, self._facts, self._signals = plans_of(kb)
 
     @property
     def keys(self) -> list[Key]:

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from sfol.errors import FactError, SignalError, did_you_mean
 from sfol.formula import Formula
-from sfol.knowledge_base import KnowledgeBase, Sort, Source
+from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
 from sfol.knowledge_base.observing import ACTION, NEXT, STEP, entity_names, with_step
 from sfol.knowledge_base.parts import fields_of
 
@@ -114,6 +114,23 @@ _WHOLES = {
     "terminated": "whether the step terminated the episode",
     "truncated": "whether the episode was truncated",
 }
+
+
+class ObservationPlans(NamedTuple):
+    """What is read off observations: parts by name, and the plans of facts and of signals."""
+
+    sources: Mapping[str, Source]
+    facts: Sequence[tuple[ObservedFact, FormulaPlan]]
+    signals: Mapping[str, FormulaPlan]
+
+
+def plans_of(kb: KnowledgeBase) -> ObservationPlans:
+    """Return what a knowledge base reads off observations."""
+    return ObservationPlans(
+        with_step(kb.observation),
+        [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts],
+        {name: plan_of(kb, formula) for name, formula in kb.observed_signals.items()},
+    )
 
 
 def plan_of(

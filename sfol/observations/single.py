@@ -18,7 +18,6 @@ from sfol.errors import FactError, FormulaError, SignalError, UsageError
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
-from sfol.knowledge_base.observing import with_step
 from sfol.observations.plans import (
     Error,
     FormulaPlan,
@@ -28,7 +27,7 @@ from sfol.observations.plans import (
     Range,
     fits,
     part_at,
-    plan_of,
+    plans_of,
     shape_of,
     under,
     width_of,
@@ -51,9 +50,7 @@ class ObservationReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self._sources = with_step(kb.observation)
-        self._facts = [(fact, plan_of(kb, fact.formula, fact.sorts)) for fact in kb.facts]
-        self._signals = {name: plan_of(kb, f) for name, f in kb.observed_signals.items()}
+        self._sources, self._facts, self._signals = plans_of(kb)
 
     @property
     def reads_facts(self) -> bool:
