@@ -10,14 +10,13 @@ import copy
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from env.street.view import StreetView
-from env.world.actors import PHYSICS_HZ, Ego, Walkers
+from env.world.actors import PHYSICS_HZ, Ego, EgoParameters, Walkers
 from env.world.kinematics import STANDSTILL
 from env.world.world import PERSON_RADIUS
 from vsr.classes import SemanticClass
@@ -174,10 +173,10 @@ class Oracle(_Forgetful):
     def _leaves_a_way_out(self, street: StreetView, pedal: float) -> bool:
         ego, people = street.ego, copy.copy(street.people)
         while True:
-            egos, positions = _play_on(ego, people, pedal, street.control_dt)
-            if _touch(egos, positions, street.corridor.centre):
+            ego, positions, walked = _play_on(ego, people, pedal, street.control_dt)
+            if _touch(ego.parameters, positions, walked, street.corridor.centre):
                 return False
-            ego, pedal = egos[-1], self.brake
+            pedal = self.brake
             if ego.speed < STANDSTILL:
                 return True
 
@@ -237,18 +236,23 @@ def _lateral(street: StreetView, column: float, ahead: float) -> float:
     return street.lens.pinhole.lateral(column, ahead + street.lens.setback)
 
 
-def _play_on(ego: Ego, people: Walkers, pedal: float, seconds: float) -> tuple[list[Ego], Array]:
-    """Move people on, and return ego and where they are, float (S, N, 2), at every instant."""
+def _play_on(ego: Ego, people: Walkers, pedal: float, seconds: float) -> tuple[Ego, Array, Array]:
+    """Move people on with ego.
+
+    Returns:
+        Ego at the end; at every instant S of the physics, its position, float (S,), and where
+        people are, float (S, N, 2).
+    """
     people.decide(ego, seconds)
-    instants = np.arange(1, round(seconds * PHYSICS_HZ) + 1) / PHYSICS_HZ
-    steps = accumulate(instants, lambda ego, _: ego.after(pedal, 1.0 / PHYSICS_HZ), initial=ego)
-    positions = people.paths(instants)
+    steps = round(seconds * PHYSICS_HZ)
+    course = ego.course(pedal, 1.0 / PHYSICS_HZ, steps)
+    walked = people.paths(np.arange(1, steps + 1) / PHYSICS_HZ)
     people.advance(seconds)
-    return list(steps)[1:], positions
+    return Ego(ego.parameters, *course[-1].tolist()), course[:, 0], walked
 
 
-def _touch(egos: list[Ego], positions: Array, lane: float) -> bool:
-    car, reach = egos[0].parameters, PERSON_RADIUS + _SKIN
-    beyond_front = positions[..., 0] - np.array([ego.position for ego in egos])[:, None]
-    beside = np.abs(positions[..., 1] - lane) < car.width / 2 + reach
+def _touch(car: EgoParameters, positions: Array, walked: Array, lane: float) -> bool:
+    reach = PERSON_RADIUS + _SKIN
+    beyond_front = walked[..., 0] - positions[:, None]
+    beside = np.abs(walked[..., 1] - lane) < car.width / 2 + reach
     return bool((beside & (beyond_front < reach) & (beyond_front > -car.length - reach)).any())

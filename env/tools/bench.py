@@ -32,12 +32,12 @@ _WORKER = """
 import resource
 import numpy as np
 from env.street.crossing import OccludedCrossing
-street = OccludedCrossing(traffic="high", occlusion="full")
+street = OccludedCrossing(traffic="high", occlusion="full", observation="vsr")
 for seed in range(3):
     street.reset(seed=seed)
     for _ in range(10):
         street.step(np.array([0.5], np.float32))
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(max(int(line.split()[1]) for line in open("/proc/self/status") if "VmHWM" in line) / 1024)
 """
 
 
