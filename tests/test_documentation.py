@@ -15,7 +15,7 @@ import pytest
 import typer
 import yaml
 
-pytest.importorskip("pybullet", reason="the pages drive the street: they need sfol[aeb]")
+pytest.importorskip("pybullet", reason="the pages drive the street: they need the extra aeb")
 
 import sfol
 from env.cli.app import app as aeb
