@@ -23,6 +23,7 @@ again.
 | SF014 | warning | a test that expects nothing |
 | SF015 | warning | a part of the observation, or a sort, that nothing reads |
 | SF016 | warning | a predicate that rules read, and neither a fact of the file nor a rule gives |
+| SF017 | info | averages over literals, which jump from 0 as soon as all are true at all |
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 17))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 18))
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
@@ -89,6 +90,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _ungiven,
         _subsumed,
         _not_monotone,
+        _jumps,
     )
     return tuple(finding for check in checks for finding in check(kb))
 
@@ -332,6 +334,27 @@ def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
             "a further, less certain entity can lower a confidence",
             ("semantics",),
             "groundings: best is monotone; the paper's rules mean pooled",
+        )
+
+
+def _jumps(kb: KnowledgeBase) -> Iterator[Finding]:
+    """SF017; a body begins to hold with what all its literals but one are worth."""
+    conjunction = CONJUNCTIONS[kb.semantics.conjunction]
+    jumps = {}
+    for rule in kb.rules.values():
+        literals = rule.clause.body.atom_literals
+        least_bounds = [lit.threshold(rule) for lit in literals if isinstance(lit, Positive)]
+        if len(literals) > 1 and 0.0 in least_bounds:
+            jumps[rule.name] = conjunction.combine([*(1.0 for _ in literals[1:]), 0.0])
+    if conjunction.can_grow and jumps:
+        highest = max(jumps, key=lambda name: jumps[name])
+        yield Finding(
+            "SF017",
+            "info",
+            f"{_listed([*jumps])}: averages jump: '{highest}' goes from 0 to "
+            f"{jumps[highest]:.2g} as soon as the last of its literals is true at all",
+            ("semantics",),
+            "conjunction: minimum has no such step; the paper's rules mean average",
         )
 
 
