@@ -118,6 +118,10 @@ class FileError(UsageError):
     """A file can't be read, or is not in the form that it should have."""
 
 
+class SilentZeroWarning(UserWarning):
+    """Rules can conclude nothing, or have not in a whole episode, so that rewards are 0."""
+
+
 class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
 
