@@ -70,7 +70,7 @@ docs: $(INSTALLED)  ## Build the documentation into docs/_build
 clean:  ## Remove what the other targets made
 	rm -rf $(VENV) runs docs/_build
 
-$(INSTALLED): pyproject.toml constraints.txt Makefile
+$(INSTALLED): pyproject.toml hatch_build.py constraints.txt Makefile
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || \
 	  { echo "Python 3.11 is needed (pybullet has no wheel for newer ones): make PYTHON=/path/to/python3.11"; exit 1; }
 	@echo "Installing into $(VENV); this takes a few minutes, once."

@@ -118,6 +118,10 @@ class FileError(UsageError):
     """A file can't be read, or is not in the form that it should have."""
 
 
+class SilentZeroWarning(UserWarning):
+    """Rules can conclude nothing, or have not in a whole episode, so that rewards are 0."""
+
+
 class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
 
@@ -154,6 +158,10 @@ def listed(values: Iterable[_Item], what: str, suggestion: str) -> list[_Item]:
         ) from None
 
 
+# Extras of packages that no wheel has.
+_OF_A_CHECKOUT = frozenset({"aeb", "openvino", "vsr"})
+
+
 def missing_extra(
     package: str, needed: str, *, extra: str | None = None, python: str | None = None
 ) -> MissingExtraError:
@@ -165,12 +173,15 @@ def missing_extra(
         extra: the extra that brings it; None for what no extra has.
         python: the version of Python that the extra needs, if not every one will do.
     """
-    requirement = f"'sfol[{extra}]'" if extra else package
+    if extra in _OF_A_CHECKOUT:
+        requirement, where = f"--editable '.[{extra}]'", " in the checkout"
+    else:
+        requirement, where = f"'sfol[{extra}]'" if extra else package, ""
     version = f" on Python {python}" if python else ""
     return MissingExtraError(
         f"{package} is not installed: {needed}",
         name=package,
-        suggestion=f"python -m pip install {requirement}{version}",
+        suggestion=f"python -m pip install {requirement}{where}{version}",
     )
 
 

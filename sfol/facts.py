@@ -10,7 +10,7 @@ from sfol.arrays import as_float
 from sfol.errors import FactError, did_you_mean, expect, listed
 from sfol.syntax import Atom, is_name, is_variable, parse_facts
 
-DEFAULT_MARGIN = 0.05
+DEFAULT_MARGIN = 0.0
 
 Merge = Literal["replace", "maximum"]
 

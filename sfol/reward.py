@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from functools import cached_property, reduce
@@ -19,11 +20,20 @@ from sfol.engines.dense import DenseProgram, Domains
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
-from sfol.errors import FormulaError, SignalError, UsageError, did_you_mean, expect, listed
+from sfol.errors import (
+    FormulaError,
+    SignalError,
+    SilentZeroWarning,
+    UsageError,
+    did_you_mean,
+    expect,
+    listed,
+)
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
+from sfol.knowledge_base.silence import silences
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import Scenes, ScenesReader
 from sfol.observations.plans import Observation, ObservedStep, read_for_facts
@@ -172,6 +182,7 @@ class RewardFunction:
         self.kb = kb if isinstance(kb, KnowledgeBase) else KnowledgeBase.load(kb)
         self._engine_name = engine
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
+        self._conclude = self._conclude_first
         self._reader = ObservationReader(self.kb)
         self._scenes_reader = ScenesReader(self.kb)
         self.coefficients = NumberGroups(
@@ -347,8 +358,11 @@ class RewardFunction:
         Raises:
             FactError: a fact does not fit the knowledge base.
         """
-        listed_scenes = listed(scenes, "the scenes", "give a list of sfol.Facts")
-        return encode(self._engine.program, [_facts(facts) for facts in listed_scenes])
+        listed_scenes = [
+            _facts(facts) for facts in listed(scenes, "the scenes", "give a list of sfol.Facts")
+        ]
+        self._warn_once(name for facts in listed_scenes for name in facts.entities())
+        return encode(self._engine.program, listed_scenes)
 
     def conclude(self, facts: Facts) -> Conclusions:
         """Return what follows from facts.
@@ -362,7 +376,7 @@ class RewardFunction:
         Raises:
             FactError: a fact does not fit the knowledge base.
         """
-        return self._engine.conclude(_facts(facts))
+        return self._conclude(_facts(facts))
 
     @overload
     def evaluate(self, facts: Facts | Conclusions, /, **signals: float) -> Outcome: ...
@@ -492,7 +506,23 @@ class RewardFunction:
     def _concluded(self, facts: Facts | Conclusions) -> Conclusions:
         if isinstance(facts, Conclusions):
             return facts
-        return self._engine.conclude(_facts(facts))
+        return self._conclude(_facts(facts))
+
+    def _conclude_first(self, facts: Facts) -> Conclusions:
+        self._warn_once(facts.entities())
+        return self._engine.conclude(facts)
+
+    def _warn_once(self, known: Iterable[str]) -> None:
+        """Warn of what keeps rules from concluding anything, before the first conclusions."""
+        if self._conclude != self._conclude_first:
+            return
+        self._conclude = self._engine.conclude  # so that later calls cost nothing
+        for silence in silences(self.kb, frozenset(known)):
+            warnings.warn(
+                f"'{self.kb.name}': {silence.message} ({silence.suggestion})",
+                SilentZeroWarning,
+                stacklevel=2,
+            )
 
     def _bounds(self, conclusions: Conclusions) -> dict[str, Bound | None]:
         return {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
@@ -559,6 +589,7 @@ class RewardFunction:
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:
+        self._warn_once(())
         kb = self.kb
         domains = Domains.of(kb, {name: entity_names(name, s) for name, s in kb.entities.items()})
         keys = [(atom.predicate, domains.axes(atom.arguments)) for atom in kb.background]

@@ -15,7 +15,7 @@ import pytest
 import typer
 import yaml
 
-pytest.importorskip("pybullet", reason="the pages drive the street: they need sfol[aeb]")
+pytest.importorskip("pybullet", reason="the pages drive the street: they need the extra aeb")
 
 import sfol
 from env.cli.app import app as aeb
@@ -80,18 +80,46 @@ def write_files(page, folder):
             (folder / named[1]).write_text(text, encoding="utf-8")
 
 
+def begin_files(page, folder):
+    """Write the files that a page begins with `sfol init`."""
+    for words in command_lines(page):
+        if words[:2] == ["sfol", "init"]:
+            done = run("-m", "sfol.cli", *words[1:], "--force", folder=folder)
+            assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("page", pages_with("python"))
 def test_python_on_a_page_runs_from_top_to_bottom(page, tmp_path):
+    begin_files(page, tmp_path)
     write_files(page, tmp_path)
     done = run("-c", "\n".join(blocks(page, "python")), folder=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
+def test_the_first_commands_of_the_readme_do_what_it_shows(tmp_path):
+    readme = ROOT / "README.md"
+    write_files(readme, tmp_path)
+    install, *shown = blocks(readme, "sh")
+    assert install.startswith("python -m pip install")
+    first, *_ = blocks(readme, "text")
+    lines = [line for block in shown[:2] for line in block.replace("\\\n", "").splitlines()]
+    printed = ""
+    for program, *arguments in map(shlex.split, lines):
+        command = ["-m", "sfol.cli"] if program == "sfol" else []
+        done = run(*command, *arguments, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        printed += done.stdout
+    assert len(lines) == 4
+    assert "3 passed, 0 failed" in printed
+    assert "'original_return': " in printed
+    assert printed.endswith(first)
+
+
 def test_the_readme_shows_what_its_code_prints():
-    code, *_ = blocks(ROOT / "README.md", "python")
+    (code,) = (code for code in blocks(ROOT / "README.md", "python") if "print(reward.expl" in code)
     printed = run("-c", code).stdout
     assert printed.startswith("-0.0695")
-    shown, *_ = (text for text in blocks(ROOT / "README.md", "text") if "reward" in text)
+    (shown,) = (text for text in blocks(ROOT / "README.md", "text") if "reward -0.0695" in text)
     for line in shown.splitlines():
         assert "…" in line or line in printed
 

@@ -16,7 +16,6 @@ HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet", "numba")
 # not at all. A module at the top of a package is a room of its own, unless it is one of the ground.
 GROUND = {
     "sfol": {
-        "data_folder",
         "errors",
         "arrays",
         "arithmetic",

@@ -11,12 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from env.world.cells import Cell, CellOcclusion, Traffic
 from sfol import strict_yaml
-from sfol.data_folder import data_folder
 from sfol.errors import UsageError, did_you_mean
 from sfol.strict_yaml import Document
 from vsr.hypervectors.methods import Method
 
-_FOLDER = data_folder(Path(__file__).resolve().parents[1], "setups")
+_FOLDER = Path(__file__).resolve().parents[2] / "setups"
 
 # γ of a return. With 0.99, 10 s count, and a quick collision was worth more than standing still.
 DISCOUNT = 0.997

@@ -212,7 +212,10 @@ class Grounding(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
 
     margin: float = Field(
-        DEFAULT_MARGIN, ge=0, le=1, description="m: a confidence c becomes [c − m c, c + m c]."
+        DEFAULT_MARGIN,
+        ge=0,
+        le=1,
+        description="m: a confidence c becomes [c − m c, c + m c]; without it, [c, c].",
     )
 
 

@@ -17,7 +17,6 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from sfol import strict_yaml
-from sfol.data_folder import data_folder
 from sfol.errors import (
     MAXIMUM_ERRORS,
     FileError,
@@ -43,8 +42,10 @@ _OWN_SECTIONS = ("extends", "remove", "tests", "description")
 
 
 def bundled_folder() -> Path:
-    """Return the folder of the bundled knowledge bases: in a wheel, or in a checkout."""
-    return data_folder(Path(__file__).resolve().parents[1], "rules")
+    """Return the folder of the bundled knowledge bases: of the package, or of a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "rules"  # as a wheel has it
+    return inside if inside.is_dir() else package.parent / "rules"
 
 
 def bundled_names() -> tuple[str, ...]:

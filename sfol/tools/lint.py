@@ -23,6 +23,10 @@ again.
 | SF014 | warning | a test that expects nothing |
 | SF015 | warning | a part of the observation, or a sort, that nothing reads |
 | SF016 | warning | a predicate that rules read, and neither a fact of the file nor a rule gives |
+| SF017 | info | averages over literals, which jump from 0 as soon as all are true at all |
+| SF018 | warning | a head that no rule concludes about the subject |
+| SF019 | warning | a constant that nothing but one rule names, perhaps meant as a variable |
+| SF020 | warning | a rule that no entity fits: its arguments are of different sorts |
 """
 
 from __future__ import annotations
@@ -41,6 +45,7 @@ from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.knowledge_base.positions import Keys, entries
+from sfol.knowledge_base.silence import silences
 from sfol.literals import Negated, Positive
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, least
 from sfol.reading import text_of
@@ -50,7 +55,8 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 17))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 21))
+_CODE_OF = {"subject": "SF018", "constant": "SF019", "sort": "SF020"}
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
@@ -89,6 +95,8 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _ungiven,
         _subsumed,
         _not_monotone,
+        _jumps,
+        _silent,
     )
     return tuple(finding for check in checks for finding in check(kb))
 
@@ -333,6 +341,33 @@ def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
             ("semantics",),
             "groundings: best is monotone; the paper's rules mean pooled",
         )
+
+
+def _jumps(kb: KnowledgeBase) -> Iterator[Finding]:
+    """SF017; a body begins to hold with what all its literals but one are worth."""
+    conjunction = CONJUNCTIONS[kb.semantics.conjunction]
+    jumps = {}
+    for rule in kb.rules.values():
+        literals = rule.clause.body.atom_literals
+        least_bounds = [lit.threshold(rule) for lit in literals if isinstance(lit, Positive)]
+        if len(literals) > 1 and 0.0 in least_bounds:
+            jumps[rule.name] = conjunction.combine([*(1.0 for _ in literals[1:]), 0.0])
+    if conjunction.can_grow and jumps:
+        highest = max(jumps, key=lambda name: jumps[name])
+        yield Finding(
+            "SF017",
+            "info",
+            f"{_listed([*jumps])}: averages jump: '{highest}' goes from 0 to "
+            f"{jumps[highest]:.2g} as soon as the last of its literals is true at all",
+            ("semantics",),
+            "conjunction: minimum has no such step; the paper's rules mean average",
+        )
+
+
+def _silent(kb: KnowledgeBase) -> Iterator[Finding]:
+    for silence in silences(kb):
+        code = _CODE_OF[silence.cause]
+        yield Finding(code, "warning", silence.message, silence.path, silence.suggestion)
 
 
 # -- recorded episodes --------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -10,7 +11,9 @@ from typing import Any
 
 from sfol import arrays
 from sfol.arrays import Array
-from sfol.errors import UsageError, did_you_mean, expect
+from sfol.engines.batched import Bounds
+from sfol.errors import SilentZeroWarning, UsageError, did_you_mean, expect
+from sfol.facts import Bound, Facts
 from sfol.observations.plans import plan_of
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.reward import RewardFunction
@@ -148,6 +151,38 @@ def check_reads(
             name=missing[0],
             suggestion=f"give it from or a default{instead.format('signals')}",
         )
+
+
+def is_silent(bounds: Mapping[str, Bound | Bounds | None]) -> bool:
+    """Tell whether nothing was concluded about the subject: of one scene, or of all of many.
+
+    Args:
+        bounds: of an outcome.
+    """
+    return not any(
+        bool(bound.known.any()) if isinstance(bound, Bounds) else bound is not None
+        for bound in bounds.values()
+    )
+
+
+def warn_of_silence(reward: RewardFunction, facts: Facts | None = None) -> None:
+    """Warn that rules have concluded nothing until the end of the first episode.
+
+    Args:
+        reward: the reward function.
+        facts: the episode's last ones, if they are at hand.
+    """
+    kb = reward.kb
+    given = {atom.predicate for atom in kb.background} | {*kb.heads}
+    missing = sorted(kb.read - given - {*facts.predicates()}) if facts is not None else []
+    shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
+    hint = f"its last facts say nothing of {shown}; " if missing else ""
+    warnings.warn(
+        f"'{kb.name}': no rule has concluded anything about '{kb.subject}' in a whole episode "
+        f"({hint}sfol lint finds rules that can't, RewardFunction.explain says what each lacks)",
+        SilentZeroWarning,
+        stacklevel=3,  # where the environment was stepped
+    )
 
 
 def expect_function(value: object, what: str, suggestion: str) -> None:

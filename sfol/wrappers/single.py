@@ -18,10 +18,12 @@ from sfol.wrappers.modes import (
     EpisodeSums,
     check_reads,
     expect_function,
+    is_silent,
     log_items,
     named,
     shaping_of,
     total,
+    warn_of_silence,
 )
 
 Observation = TypeVar("Observation")
@@ -59,7 +61,8 @@ class RuleReward(
 
     Facts and signals are read off observations as the knowledge base says; functions may make them
     instead, or the signals that it does not read. A step is rewarded by the facts of the state
-    before it, or of the state after it if the knowledge base says `facts_at: next`.
+    before it, or of the state after it if the knowledge base says `facts_at: next`. If no rule
+    concludes anything about the subject in the first episode, a `SilentZeroWarning` says so.
 
     In mode ``replace`` the reward is that of the knowledge base, R, in mode ``add`` the sum of it
     and the environment's own. In mode ``potential`` the environment's own reward is shaped by
@@ -133,6 +136,7 @@ class RuleReward(
         self._signals_of = signals
         self._shaping = shaping
         self._mode = mode
+        self._silent = bool(reward.kb.heads)  # until a rule concludes something
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -155,6 +159,9 @@ class RuleReward(
         info = {**info, **items, "original_reward": original}
         if terminated or truncated:
             info[EPISODE] = self._sums.items()
+            if self._silent:
+                self._silent = False
+                warn_of_silence(self._reward, self._facts)
         return observation, value, terminated, truncated, info
 
     def _ruled(
@@ -173,7 +180,12 @@ class RuleReward(
         signals, before = self._signals(transition), self._facts
         self._remember(transition.next_observation, transition.info)
         facts = before if self._reward.kb.facts_at == "state" else self._facts
-        return self._reward.evaluate(facts, **signals)
+        return self._heard(self._reward.evaluate(facts, **signals))
+
+    def _heard(self, outcome: Outcome) -> Outcome:
+        if self._silent:
+            self._silent = is_silent(outcome.bounds)
+        return outcome
 
     def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
         # Environments may use one array for all their observations.
@@ -188,9 +200,11 @@ class RuleReward(
     def _potential_of(self, observation: Observation, weight: str | None) -> Mapping[str, float]:
         """Return the summands of the potential of the state whose facts are remembered."""
         if weight is not None:
-            return {weight: self._reward.weights(self._facts)[weight]}
+            value = self._reward.weights(self._facts)[weight]
+            self._silent = self._silent and not value
+            return {weight: value}
         signals = self._reward.observe_signals(observation)
-        return self._reward.evaluate(self._facts, **signals).terms
+        return self._heard(self._reward.evaluate(self._facts, **signals)).terms
 
     def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
         given = {} if self._signals_of is None else self._signals_of(transition)

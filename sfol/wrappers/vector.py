@@ -15,15 +15,18 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, expect
 from sfol.observations.plans import Observation
+from sfol.outcome import BatchOutcome
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import (
     EPISODE,
     EpisodeSums,
     check_reads,
+    is_silent,
     log_items,
     named,
     shaping_of,
     total,
+    warn_of_silence,
 )
 
 _Reals = npt.NDArray[np.float64]
@@ -74,6 +77,7 @@ class VectorRuleReward(VectorWrapper):
         super().__init__(envs)
         self._reward = reward
         self._mode = mode
+        self._silent = bool(reward.kb.heads)  # until a rule concludes something
         self._shaping = shaping
 
     def reset(
@@ -108,6 +112,9 @@ class VectorRuleReward(VectorWrapper):
         if ended.any():
             infos |= _with_masks({EPISODE: _sums(self._sums.items(), ended)}, ended)
             self._sums.restart(ended)
+            if self._silent:
+                self._silent = False
+                warn_of_silence(self._reward)
         self._begins = ended & (self._autoreset is AutoresetMode.NEXT_STEP)
         self._remember(observations, landed)
         return observations, rewards, terminated, truncated, infos
@@ -129,6 +136,7 @@ class VectorRuleReward(VectorWrapper):
         else:
             outcome = self._reward.transitions(*(_rows(part, taken) for part in step))
             spread = partial(_spread, mask=taken)
+        self._hear(outcome)
         items = {name: spread(value) for name, value in log_items(outcome).items()}
         terms = {name: items[f"reward_{name}"] for name in outcome.terms}
         return spread(outcome.reward), terms, items
@@ -157,9 +165,16 @@ class VectorRuleReward(VectorWrapper):
         assert self._shaping is not None
         weight = self._shaping.weight
         if weight is not None:
-            return {weight: arrays.plain(self._reward.weights_of_many(observations)[weight])}
-        terms = self._reward.transitions(observations, None, observations).terms
-        return {name: arrays.plain(value) for name, value in terms.items()}
+            values = arrays.plain(self._reward.weights_of_many(observations)[weight])
+            self._silent = self._silent and not values.any()
+            return {weight: values}
+        outcome = self._reward.transitions(observations, None, observations)
+        self._hear(outcome)
+        return {name: arrays.plain(value) for name, value in outcome.terms.items()}
+
+    def _hear(self, outcome: BatchOutcome) -> None:
+        if self._silent:
+            self._silent = is_silent(outcome.bounds)
 
 
 def _autoreset_mode(envs: VectorEnv[Any, Any, Any]) -> AutoresetMode:

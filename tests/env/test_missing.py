@@ -23,4 +23,4 @@ def test_a_missing_extra_gives_one_line_that_names_it(module):
     lines = [line for line in done.stderr.splitlines() if "pybullet build time" not in line]
     assert len(lines) == 1, done.stderr
     assert module in lines[0]
-    assert "sfol[aeb]" in lines[0]
+    assert "pip install --editable '.[aeb]' in the checkout" in lines[0]

@@ -42,7 +42,7 @@ def knowledge_base(path, conjunction):
 
 
 def scene(chance):
-    facts = Facts()
+    facts = Facts(margin=0.05)
     for name in ("ego", *(f"c{i}" for i in HEADS)):
         facts.add("P", name, confidence=0.8 + 0.2 * chance.random())
     return facts

@@ -5,6 +5,7 @@ version: 1
 name: hall
 subject: robot
 background: [Robot(robot)]
+grounding: {margin: 0.05}
 predicates:
   Robot(X): X is a robot.
   Person(X): X is a person.

@@ -8,13 +8,31 @@ from hypothesis import strategies as st
 
 from sfol.errors import ClauseError, FactError
 from sfol.facts import TRUE, Bound, Facts
+from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base.loading import bundled_names
 from sfol.syntax import Atom
 
 
-def test_a_confidence_becomes_a_bound_of_five_percent():
-    facts = Facts()
+def test_a_margin_makes_a_bound_of_a_confidence():
+    facts = Facts(margin=0.05)
     facts.add("Pedestrian", "p1", confidence=0.8)
     assert facts.bound("Pedestrian", "p1") == pytest.approx((0.76, 0.84))
+
+
+def test_without_a_margin_a_confidence_is_what_it_says():
+    facts = Facts()
+    facts.add("Pedestrian", "p1", confidence=1.0)
+    facts.add("OnRoad", "p1", confidence=0.8)
+    assert facts.bound("Pedestrian", "p1") == (1.0, 1.0)
+    assert facts.bound("OnRoad", "p1") == (0.8, 0.8)
+
+
+def test_the_papers_five_percent_stand_in_its_own_file_alone():
+    margins = {name: KnowledgeBase.load(name).grounding.margin for name in bundled_names()}
+    chains = {name: KnowledgeBase.load(name).files for name in bundled_names()}
+    papers = {name for name, files in chains.items() if any("aeb.yaml" in f for f in files)}
+    assert "aeb" in papers
+    assert margins == {name: 0.05 if name in papers else 0.0 for name in margins}
 
 
 def test_a_bound_is_cut_at_one():

@@ -146,7 +146,7 @@ def test_a_function_may_make_the_facts_or_some_signals(given, speed):
     env.reset()
     info = env.step(0)[-1]
     leaving = info["confidence_leaving"]
-    assert leaving == (0.0 if "facts" in given else 0.975)
+    assert leaving == (0.0 if "facts" in given else 1.0)
     assert info["reward_track"] == pytest.approx(-0.5 * (1 + speed**2) * leaving)
 
 

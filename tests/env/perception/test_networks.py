@@ -171,4 +171,4 @@ def test_without_the_extra_one_line_says_what_to_install():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "segmentation_models_pytorch" in done.stdout
-    assert "sfol[aeb]" in done.stdout
+    assert "pip install --editable '.[aeb]' in the checkout" in done.stdout

@@ -79,7 +79,7 @@ def test_derived_atoms_and_thresholds(kitchen):
             "'careful(X) :- Near(P, X), Pot(P).', threshold: 0.5}\n  boils: Pot(X) :- Hot(X)."
         }
     )
-    texts = ("Near(p, cook). Hot(p): 0.9.", "Near(p, cook). Hot(p): 0.5.", "Hot(cook). Pot(p).")
+    texts = ("Near(p, cook). Hot(p): 0.9.", "Near(p, cook). Hot(p): 0.49.", "Hot(cook). Pot(p).")
     facts = [Facts.parse(text) for text in texts]
     reward, signals = RewardFunction(kb), {"speed": np.ones(3)}
     outcome = reward.evaluate(reward.batch(facts), **signals)

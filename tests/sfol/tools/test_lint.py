@@ -31,8 +31,9 @@ def only(kb, code):
 
 
 def test_nothing_is_odd_about_the_kitchen_but_its_average(kitchen):
-    assert codes(kitchen(QUIET)) == ["SF006"]
-    assert codes(kitchen(QUIET, "groundings: best")) == []
+    assert codes(kitchen(QUIET)) == ["SF006", "SF017"]
+    assert codes(kitchen(QUIET, "groundings: best")) == ["SF017"]
+    assert codes(kitchen(QUIET, "conjunction: minimum")) == []
     assert codes(kitchen(QUIET, "conjunction: product")) == []
 
 
@@ -100,6 +101,22 @@ def test_sf014_tests_that_expect_nothing(kitchen):
     finding = only(kb, "SF014")
     assert finding.path == ("tests", 1)
     assert "'b'" in finding.message
+
+
+def test_sf017_averages_that_jump(kitchen):
+    reward = RewardFunction(kb := kitchen(semantics="groundings: best"))
+    sure = "Person(cook). Pot(p). Near(p, cook)."
+    hot = [reward(Facts.parse(f"{sure} {more}"), speed=1.0) for more in ("", "Hot(p): 1e-9.")]
+    finding = only(kb, "SF017")
+    assert "'care' goes from 0 to 0.75 as soon" in finding.message
+    assert hot == pytest.approx([0.0, 0.75 * reward(Facts.parse(f"{sure} Hot(p)."), speed=1.0)])
+    for quiet in (
+        "careful(X) :- Person(X).",
+        "careful(X) :- Person(X) >= 0.1, Hot(X) >= 0.2.",
+        "{rule: 'careful(X) :- Person(X), Hot(X).', threshold: 0.5}",
+    ):
+        assert "SF017" not in codes(kitchen({RULE: quiet}))
+    assert "SF017" not in codes(kitchen(semantics="conjunction: product"))
 
 
 def test_thresholds_that_meet_on_paper_do_not_exclude_each_other(kitchen):
@@ -224,7 +241,11 @@ def test_rules_of_eight_or_twelve_free_literals_are_compared(kitchen):
         free = [f"Near(A{i}, B{i})" for i in range(count)]
         ends = ["Near(A, A)"], ["Hot(A)", "Pot(A)"]
         first, second = (f"careful(X) :- Person(X), {', '.join([*free, *end])}." for end in ends)
-        assert set(codes(kitchen({RULE: f"{first}\n  other: {second}"}))) == {"SF003", "SF006"}
+        assert set(codes(kitchen({RULE: f"{first}\n  other: {second}"}))) == {
+            "SF003",
+            "SF006",
+            "SF017",
+        }
 
 
 # -- recorded episodes ----------------------------------------------------------------------------
@@ -291,7 +312,7 @@ def test_sf012_endings_without_a_place(kitchen, endings, left_out):
 @pytest.fixture
 def odd(tmp_path):
     path = tmp_path / "kitchen.yaml"
-    path.write_text(KITCHEN.replace("{SEMANTICS}", "{groundings: best}"))
+    path.write_text(KITCHEN.replace("{SEMANTICS}", "{conjunction: minimum}"))
     return path
 
 
