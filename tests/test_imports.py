@@ -1,6 +1,7 @@
 """What may import what, room by room, and how light the core is."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -178,3 +179,11 @@ def test_every_room_says_what_it_is_for():
     for name, path in MODULES.items():
         if path.name == "__init__.py":
             assert ast.get_docstring(ast.parse(path.read_text())), name
+
+
+@pytest.mark.parametrize(
+    "name", ["sfol", "sfol.cli", "sfol.knowledge_base", "sfol.literals", "sfol.wrappers"]
+)
+def test_all_that_a_package_offers_is_there(name):
+    package = importlib.import_module(name)
+    assert [offered for offered in package.__all__ if not hasattr(package, offered)] == []

@@ -57,6 +57,7 @@ SMALL = tuple(
         (["h(X) :- R(Y, X), R(Z, X), Y != Z."], {}, "R(a, ego)."),
         ([{"rule": "h(X) :- P(X), Q(X).", "threshold": 0.5}], {}, "P(ego): [0.5, 0.7]. Q(ego)."),
         ([{"rule": "h(X) :- P(X), not Q(X).", "negation_threshold": 0.25}], {}, "P(ego): [0.2, 0.8]. Q(ego): [0.5, 0.75]."),
+        ([{"rule": "h(X) :- P(X), not Q(X).", "negation_threshold": 0.0}], {}, "P(ego): 0.5. Q(ego)."),
         (["h(X) :- P(X), not Q(X)."], {}, "P(ego): [0.2, 0.75]. Q(ego): [0.1, 0.2]."),
         (["h(X) :- P(X), not Q(X)."], {}, "P(ego). Q(ego)."),
         (["h(X) :- P(X).", "h(X) :- Q(X)."], {}, "P(ego): [0.2, 0.9]. Q(ego): [0.4, 0.5]."),
@@ -67,5 +68,6 @@ SMALL = tuple(
         (["h(X) :- P(X), Q(Y)."], {}, "P(ego): [0, 0]. Q(a)."),
         (["h(X) :- P(X)."], {}, "P(ego): [0, 1]."),
         (["e(X, Y) :- R(X, Z), S(Z, Y), P(Z)."], {}, "R(ego, a). S(a, b): 0.5. P(a): 0.4. R(ego, c). S(c, b). P(c)."),
+        (["e(X, Y) :- R(Y, X), P(Y)."], {}, "R(a, ego): 0.5. P(a): 0.4. R(ego, c). P(ego)."),
     ]
 )  # fmt: skip

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfol.errors import ClauseError, FactError
+from sfol.errors import ClauseError, FactError, SfolError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.loading import bundled_names
@@ -149,3 +149,33 @@ def test_facts_are_equal_to_facts_alone():
     assert facts == Facts.parse("Pot(p).", margin=0.5)
     assert facts != Facts.parse("Pot(p): [0.5, 1.0].")
     assert facts != dict(facts.items())
+
+
+@pytest.mark.parametrize(
+    ("refused", "name", "suggestion"),
+    [
+        (lambda known: Facts(margin=2), "the margin", "a number between 0 and 1"),
+        (lambda known: Facts.parse(3), "facts", "give a text, or a list of texts"),
+        (lambda known: Bound.around(2, 0.05), "a bound: the confidence", "between 0 and 1"),
+        (lambda known: Bound.around(0.5, 2), "a bound: the margin", "between 0 and 1"),
+        (lambda known: Bound.checked(0.5, 0.4), "a bound", "0 ≤ lower ≤ upper ≤ 1"),
+        (lambda known: known.add("Q", "a", bound=(None, 1)), "Q(a)", "give a single number"),
+        (lambda known: known.add("Q", "a", bound=(0.5,)), "Q(a)", "(lower, upper)"),
+        (lambda known: known.add("R", "a", "b", bound=(0.5, 2)), "R(a, b)", "lower ≤ upper ≤ 1"),
+        (lambda known: known.add("Q", "a", bound=(0, 1), confidence=1), "Q(a)", "one of them"),
+        (lambda known: known.add("P", "a"), "P(a)", "merge='replace' or merge='maximum'"),
+        (lambda known: known.add("P", "a", merge="maximun"), "maximun", "mean 'maximum'?"),
+        (lambda known: known.add("Q"), "Q", "an atom has one or two"),
+        (lambda known: known.add("Q", "Ego"), "Ego", "begins with a lower-case letter"),
+        (lambda known: known.add("Q q", "a"), "Q q", None),
+        (lambda known: known.add("P", "a", "b"), "P", None),
+        (lambda known: known.about(3), "an entity", "give its name"),
+        (lambda known: known.relation(3), "a predicate", "give its name"),
+    ],
+)
+def test_what_is_refused_is_named_with_what_to_do_instead(refused, name, suggestion):
+    with pytest.raises(SfolError) as caught:
+        refused(Facts.parse("P(a): [0.2, 0.6]."))
+    assert name in caught.value.message
+    assert caught.value.name == name
+    assert suggestion is None or suggestion in caught.value.suggestion

@@ -5,8 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfol.clauses import Body, parse_clause, parse_condition
+from sfol.engines.tables import Tables
+from sfol.errors import KnowledgeBaseError
+from sfol.facts import TRUE, Facts
 from sfol.knowledge_base import Rule
-from sfol.literals import KINDS, AtomLiteral, NotEqual, Positive
+from sfol.literals import KINDS, AtomLiteral, Literal, Negated, NotEqual, Positive
 from sfol.syntax import Atom, Reader, is_variable
 from sfol.testing.strategies import LITERALS, bounds
 
@@ -60,3 +63,46 @@ def test_a_guard_keeps_what_has_no_value():
     guard = NotEqual("X", "ada")
     assert guard.substituted({"X": "bob"}) == NotEqual("bob", "ada")
     assert guard.substituted({}) == guard
+
+
+RULE = Rule("r", parse_clause("h(X) :- Calm(X)."), "", 0.5, 0.25)
+
+
+def test_an_atom_as_pyreason_says_it_counts_from_its_threshold():
+    for literal, threshold in (
+        (Positive(Atom("Near", ("X", "Y"))), 0.5),
+        (Positive(Atom("Near", ("X", "Y")), 0.75), 0.75),
+        (Negated(Atom("Near", ("X", "Y"))), 0.25),
+    ):
+        said = literal.query(RULE)
+        assert said.terms == ("X", "Y")
+        assert said.threshold == pytest.approx(threshold)
+        assert said.counts
+        assert not said.symmetric
+
+
+def test_a_guard_as_pyreason_says_it_does_not_count_and_has_no_direction():
+    said = NotEqual("X", "Y").query(RULE)
+    assert said.terms == ("X", "Y")
+    assert said.threshold == 1.0
+    assert not said.counts
+    assert said.symmetric
+
+
+def test_pyreason_is_given_rows_for_what_it_has_no_words_for():
+    scene, domain = Tables.of(Facts.parse("Near(ada, bob): [0.25, 0.5].")), ("ada", "bob")
+    assert Negated(Atom("Near", ("X", "Y"))).query_rows(scene, domain) == {
+        ("ada", "ada"): TRUE,
+        ("ada", "bob"): (0.5, 0.75),
+        ("bob", "ada"): TRUE,
+        ("bob", "bob"): TRUE,
+    }
+    different = {("ada", "bob"): TRUE, ("bob", "ada"): TRUE}
+    assert NotEqual("X", "Y").query_rows(scene, domain) == different
+
+
+def test_a_kind_that_pyreason_has_no_words_for_is_refused_by_its_text():
+    with pytest.raises(KnowledgeBaseError, match="can't express the literal 'X != Y'") as caught:
+        Literal.query(NotEqual("X", "Y"), RULE)
+    assert caught.value.name == "X != Y"
+    assert "engine='compiled'" in caught.value.suggestion

@@ -154,6 +154,24 @@ def test_a_batch_of_one_and_a_batch_of_nobody(reward):
     assert_alike(reward, transitions, reward.transition(*transitions))
 
 
+def test_nothing_is_known_of_an_entity_without_a_row(tmp_path):
+    second = "  second: second(X) :- Robot(X), Person(person2)."
+    reward = load(
+        tmp_path,
+        {
+            "rules:\n": f"rules:\n{second}\n",
+            "{careful: 1.0, free: 0.5}": "{careful: 1.0, free: 0.5, second: 1.0}",
+        },
+    )
+    for people, known in ((1, False), (2, True)):
+        transitions = drawn(0, people=people)
+        transitions[0]["mask"][:] = True
+        transitions[0]["people"] = np.nan_to_num(transitions[0]["people"])
+        outcome = reward.transition(*transitions)
+        assert (outcome.bounds["second"].known == known).all()
+        assert_alike(reward, transitions, outcome)
+
+
 def test_cartpole():
     reward = sfol.RewardFunction("cartpole")
     observations = np.random.default_rng(0).normal(0, 0.1, (50, 4)).astype(np.float32)

@@ -77,6 +77,8 @@ def test_a_predicate_may_be_called_not():
         ("h(X) :- P(X). Q(X).", 14, "the end is expected where 'Q' stands"),
         ("h(X) :- P(X) & Q(X).", 13, "the character '&' has no place"),
         ("h(X) :- Pé(X).", 8, "'Pé' is not a name"),
+        ("h(X) :- P(X), X != .", 19, "a term is expected where '.' stands"),
+        ("h(X) :- P(X), _ != X.", 14, "'_' is a term only of"),
     ],
 )
 def test_errors_say_where(text, offset, message):

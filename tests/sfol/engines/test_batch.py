@@ -87,6 +87,15 @@ def test_derived_atoms_and_thresholds(kitchen):
     assert [bool(k) for k in outcome.bounds["careful"].known] == [True, False, False]
 
 
+def test_a_negation_threshold_of_zero_lets_what_is_certain_pass(kitchen):
+    rule = "{rule: 'careful(X) :- Near(P, X), not Lid(P).', negation_threshold: 0.0}"
+    kb = kitchen({"careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X).": rule})
+    reward, facts = RewardFunction(kb), [Facts.parse("Near(p, cook): 0.4. Lid(p).")]
+    outcome = reward.evaluate(reward.batch(facts), speed=np.ones(1))
+    assert outcome.bounds["careful"].known.all()
+    assert_same(reward, facts, outcome, {"speed": np.ones(1)})
+
+
 def test_torch_gives_what_numpy_gives():
     reward = RewardFunction("aeb")
     batch = reward.batch(SCENES)
