@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -15,6 +15,7 @@ from sfol.knowledge_base.observing import ACTION, NEXT, STEP, entity_names, with
 from sfol.knowledge_base.parts import fields_of
 
 Observation = Any  # mappings, sequences and arrays, nested in any way
+PartName = tuple[str, str, bool]  # which whole, which part of it, and whether that is a table
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,13 @@ def _reading(kb: KnowledgeBase, name: str) -> NameReading:
     source, *field = rest if first == NEXT else (first, *rest)
     column = with_step(kb.observation)[source].columns[field[0]] if field else 0
     return NameReading(name, whole, source, column)
+
+
+def parts_of(plan: FormulaPlan) -> Iterator[PartName]:
+    """Yield what a formula reads: which whole, which part of it, and whether that is a table."""
+    for entities in (*plan.variables, *plan.quantified.values()):
+        yield from ((entities.whole, table, True) for table in entities.sort.tables)
+    yield from ((reading.whole, reading.source, False) for reading in plan.readings)
 
 
 def read_for_facts(kb: KnowledgeBase, step: ObservedStep) -> Observation:

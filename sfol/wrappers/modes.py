@@ -8,10 +8,13 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, did_you_mean, expect
-from sfol.observations.plans import plan_of
+from sfol.observations.plans import Observation, plan_of
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.reward import RewardFunction
 
@@ -45,6 +48,21 @@ class Shaping:
         """
         alive = self.discount * (1.0 - terminated)
         return {name: alive * after[name] - before[name] for name in before}
+
+    def potentials(
+        self, reward: RewardFunction, observations: Observation
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the summands of φ of B states.
+
+        Args:
+            reward: the reward function.
+            observations: of the states, with an axis B before all others.
+        """
+        if self.weight is not None:
+            weights = reward.weights_of_many(observations)
+            return {self.weight: arrays.plain(weights[self.weight])}
+        terms = reward.transitions(observations, None, observations).terms
+        return {name: arrays.plain(value) for name, value in terms.items()}
 
 
 class EpisodeSums:

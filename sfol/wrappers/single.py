@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, SupportsFloat
 
 import gymnasium
 
-from sfol.errors import expect
+from sfol.errors import UsageError, expect
 from sfol.facts import Facts
 from sfol.reward import RewardFunction
 from sfol.wrappers.episodes import Action, Observation, Rewarding, RuledEpisode, Transition
+from sfol.wrappers.goals import ACHIEVED, DESIRED, TRANSITION, Hindsight, has_goals
 
 
 class RuleReward(
@@ -33,6 +35,9 @@ class RuleReward(
     environment's own reward as ``original_reward``; ``weight_<name>`` and ``confidence_<head>``, or
     ``potential_<term>`` of s' in mode ``potential``. At the end of an episode ``sfol.episode`` has
     its sums: ``return``, ``original_return``, ``length`` and ``terms``.
+
+    Where the environment has goals, `compute_reward` is the rules' as well, so that hindsight pays
+    the same reward for goals that are replaced.
 
     Args:
         env: any environment.
@@ -78,6 +83,9 @@ class RuleReward(
         gymnasium.Wrapper.__init__(self, env)
         self._rewarding = rewarding
         self._facts_of = facts
+        self._hindsight: Hindsight | None = None
+        if has_goals(env) and facts is None and signals is None:
+            self._hindsight = Hindsight(env, rewarding)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -95,7 +103,42 @@ class RuleReward(
         before = self._episode.observation
         transition = Transition(before, action, observation, original, terminated, truncated, info)
         value, info = self._episode.step(transition, partial(self._facts, observation, info))
+        if self._hindsight is not None and self._hindsight.needs_transition:
+            info[TRANSITION] = replace(transition, next_observation=self._episode.observation)
         return observation, value, terminated, truncated, info
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Return the reward of a step had the goal been another one, as hindsight asks for it.
+
+        It is the rules' reward, made of the goals if they are all that is read of a step. If more
+        is read, ``info["sfol.transition"]`` must say what happened, as it does where `step` filled
+        it in. How a step ended stays as it was.
+
+        Args:
+            achieved_goal: of the state that the step led to; or of B steps, with an axis B before
+                all others.
+            desired_goal: the other goal, likewise.
+            info: of the step; or of each step.
+
+        Returns:
+            A number, or float64 (B,).
+
+        Raises:
+            UsageError: the environment has no goals, facts or signals are made by functions, or
+                info does not say what the reward needs.
+        """
+        if self._hindsight is None:
+            made = has_goals(self.env)
+            raise UsageError(
+                "facts or signals are made by functions, which know the present alone"
+                if made
+                else "the environment has no goals",
+                name="compute_reward",
+                suggestion="let the knowledge base say how they are read off observations"
+                if made
+                else f"it must observe '{ACHIEVED}' and '{DESIRED}'",
+            )
+        return self._hindsight.rewards(achieved_goal, desired_goal, info)
 
     def _facts(self, observation: Observation, info: Mapping[str, Any]) -> Facts:
         if self._facts_of is None:

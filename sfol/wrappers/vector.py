@@ -116,7 +116,7 @@ class VectorRuleReward(VectorWrapper):
         """Return what the rules give, its summands and the items of info; 0 for who began anew."""
         if self._shaping is not None:
             *_, landed, _, terminated, _ = step
-            self._landed_potential = self._potential_of(landed)
+            self._landed_potential = self._shaping.potentials(self._reward, landed)
             given = self._shaping.terms(self._potential, self._landed_potential, terminated)
             terms = {name: np.where(taken, term, 0.0) for name, term in given.items()}
             return total(terms), terms, named(reward=terms, potential=self._landed_potential)
@@ -149,17 +149,13 @@ class VectorRuleReward(VectorWrapper):
     def _remember(self, observations: Observation, landed: Observation = None) -> None:
         if self._shaping is not None:
             same = landed is observations
-            self._potential = self._landed_potential if same else self._potential_of(observations)
+            self._potential = (
+                self._landed_potential
+                if same
+                else self._shaping.potentials(self._reward, observations)
+            )
         # Environments may use one array for all their observations.
         self._observations = copy.deepcopy(observations)
-
-    def _potential_of(self, observations: Observation) -> dict[str, _Reals]:
-        assert self._shaping is not None
-        weight = self._shaping.weight
-        if weight is not None:
-            return {weight: arrays.plain(self._reward.weights_of_many(observations)[weight])}
-        terms = self._reward.transitions(observations, None, observations).terms
-        return {name: arrays.plain(value) for name, value in terms.items()}
 
 
 def _autoreset_mode(envs: VectorEnv[Any, Any, Any]) -> AutoresetMode:

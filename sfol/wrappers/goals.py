@@ -1,0 +1,162 @@
+"""Goals that are replaced after the fact: what a step would have been worth with another one.
+
+Source: Andrychowicz et al., Hindsight experience replay, NeurIPS 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from sfol import arrays
+from sfol.errors import UsageError
+from sfol.knowledge_base.observing import NEXT
+from sfol.observations.plans import Observation, parts_of, plans_of
+from sfol.wrappers.episodes import Rewarding, Transition
+from sfol.wrappers.modes import Shaping, total
+
+ACHIEVED, DESIRED = "achieved_goal", "desired_goal"
+TRANSITION = "sfol.transition"  # the key in `info` of a step whose reward goals alone do not say
+
+
+_Reals = npt.NDArray[np.float64]
+
+
+class _Step(NamedTuple):
+    """What is recorded of a step, or of B steps."""
+
+    observation: Any
+    action: Any
+    next_observation: Any
+    terminated: Any
+    truncated: Any
+
+
+def has_goals(env: gymnasium.Env[Any, Any]) -> bool:
+    """Tell whether an environment observes an achieved and a desired goal."""
+    space = env.observation_space
+    return isinstance(space, gymnasium.spaces.Dict) and {ACHIEVED, DESIRED} <= space.keys()
+
+
+class Hindsight:
+    """Rewards steps by rules with another desired goal than the one that they were taken for.
+
+    A step then has the goal in both of its observations; all else is as it was recorded, but for
+    the environment's own reward, which its own ``compute_reward`` says.
+
+    Args:
+        env: the environment, with goals.
+        rewarding: by what its steps are rewarded.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], rewarding: Rewarding) -> None:
+        self._env = env
+        self._rewarding = rewarding
+        space = env.observation_space
+        assert isinstance(space, gymnasium.spaces.Dict), "it has goals"
+        self._rank = len(space[ACHIEVED].shape or ())
+        self._read = _read_beside_goals(rewarding)
+        reads_native = any(
+            r.whole == "native"
+            for plan in plans_of(rewarding.reward.kb).signals.values()
+            for r in plan.readings
+        )
+        self._has_native = reads_native or rewarding.mode != "replace"
+
+    @property
+    def needs_transition(self) -> bool:
+        """Whether a reward takes more than the goals, so that steps must be recorded in `info`."""
+        return self._read is not None
+
+    def rewards(self, achieved: Any, desired: Any, info: Any) -> float | _Reals:
+        """Return the reward of a step, or of B steps; see `RuleReward.compute_reward`."""
+        many = np.ndim(achieved) > self._rank
+        step = self._step(achieved, desired, info, many=many)
+        native = self._native(achieved, desired, info) if self._has_native else None
+        if self._rewarding.shaping is None:
+            ruled = self._ruled(step, native, many=many)
+        else:
+            ruled = self._shaped(step, self._rewarding.shaping, many=many)
+        value = ruled if self._rewarding.mode == "replace" else native + ruled
+        return arrays.plain(value) if many else float(value)
+
+    def _step(self, achieved: Any, desired: Any, info: Any, *, many: bool) -> _Step:
+        """Return a step, or B steps, with the goals that are asked for."""
+        goals = {ACHIEVED: achieved, DESIRED: desired}
+        if self._read is None:
+            return _Step({DESIRED: desired}, None, goals, None, None)
+        recorded = [self._recorded(each) for each in (info if many else [info])]
+        found = _Step(*map(_stacked if many else _first, zip(*recorded, strict=True)))
+        return found._replace(
+            observation={**found.observation, DESIRED: desired},
+            next_observation={**found.next_observation, **goals},
+        )
+
+    def _recorded(self, info: Mapping[str, Any]) -> _Step:
+        if TRANSITION not in info:
+            raise UsageError(
+                f"the reward reads {self._read}, which goals do not say, and info has no "
+                f"'{TRANSITION}'",
+                name=TRANSITION,
+                suggestion="keep the info of each step: HerReplayBuffer(copy_info_dict=True); or "
+                "let facts and signals read the goals of the next observation alone",
+            )
+        step: Transition[Any, Any] = info[TRANSITION]
+        return _Step(*(getattr(step, name) for name in _Step._fields))
+
+    def _native(self, achieved: Any, desired: Any, info: Any) -> Any:
+        """Return the environment's own reward with other goals."""
+        own = self._env.get_wrapper_attr("compute_reward")(achieved, desired, info)
+        return np.asarray(own, dtype=np.float64)
+
+    def _ruled(self, step: _Step, native: Any, *, many: bool) -> Any:
+        reward = self._rewarding.reward
+        evaluate = reward.transitions if many else reward.transition
+        before, action, after, *ended = step
+        return evaluate(before, action, after, native, *ended).reward
+
+    def _shaped(self, step: _Step, shaping: Shaping, *, many: bool) -> Any:
+        states = (step.observation, step.next_observation)
+        before, after = (
+            shaping.potentials(self._rewarding.reward, state if many else _stacked([state]))
+            for state in states
+        )
+        ruled = total(shaping.terms(before, after, np.asarray(step.terminated, np.float64)))
+        return ruled if many else ruled[0]
+
+
+def _read_beside_goals(rewarding: Rewarding) -> str | None:
+    """Return something that is read of a step and that its goals do not say, or None."""
+    kb = rewarding.reward.kb
+    sources, facts, signals = plans_of(kb)
+    known = {"": {DESIRED}, NEXT: {ACHIEVED, DESIRED}}
+    facts_of = NEXT if kb.facts_at == "next" else ""
+    read = [(facts_of, part[1]) for _, plan in facts for part in parts_of(plan)]
+    read += [part[:2] for plan in signals.values() for part in parts_of(plan)]
+    if rewarding.shaping is not None:
+        return "the state before a step"
+    for whole, part in read:
+        paths = [sources[part].path, sources[part].mask or sources[part].path]
+        if whole != "native" and any(str(*path[:1]) not in known.get(whole, ()) for path in paths):
+            return f"'{'.'.join(filter(None, [whole, part if whole != part else '']))}'"
+    return None
+
+
+def _stacked(parts: Sequence[Observation]) -> Any:
+    """Return B observations, nested in any way, as one with an axis B before all others."""
+    first = parts[0]
+    if first is None:
+        return None
+    if isinstance(first, Mapping):
+        return {key: _stacked([part[key] for part in parts]) for key in first}
+    if isinstance(first, tuple):
+        return tuple(map(_stacked, zip(*parts, strict=True)))
+    return np.stack([np.asarray(part) for part in parts])
+
+
+def _first(parts: Sequence[Observation]) -> Observation:
+    return parts[0]
