@@ -213,7 +213,7 @@ class _Scenes:
         parts = dict.fromkeys(part for plan in plans for part in parts_of(plan))
         self._given = {part: self._columns(*part) for part in parts}
         self._masks = {
-            (name, source): self._array(part_at(wholes[name], mask, name, error), source)
+            (name, source): self._array(part_at(wholes[name], mask, name, error, many=True), source)
             for name, source, of_rows in parts
             if of_rows and (mask := self._sources[source].mask) is not None
         }
@@ -280,7 +280,8 @@ class _Scenes:
     def _columns(self, name: str, source: str, of_rows: bool) -> list[Array]:
         """Return the arrays of a part: one for all fields, or one for each."""
         spec = self._sources[source]
-        whole, fields = part_at(self._wholes[name], spec.path, name, self._error), spec.fields
+        whole = part_at(self._wholes[name], spec.path, name, self._error, many=True)
+        fields = spec.fields
         if isinstance(whole, Mapping) and isinstance(fields, list):
             columns = [
                 self._array(under(whole, field, source, self._error), source) for field in fields

@@ -8,6 +8,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from sfol import arrays
 from sfol.errors import FactError, SignalError, did_you_mean
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
@@ -221,7 +222,14 @@ def shape_of(source: Source, before: Sequence[str]) -> str:
     return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
 
 
-def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Error) -> Any:
+def part_at(
+    whole: Observation,
+    path: Sequence[str | int],
+    name: str,
+    error: Error,
+    *,
+    many: bool = False,
+) -> Any:
     """Return the part of an observation that keys lead to.
 
     Args:
@@ -229,6 +237,7 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
         path: the keys, from the outside in.
         name: which whole it is, as in `NameReading`.
         error: what is raised where there is no such part.
+        many: whether arrays have an axis B before those that keys are of.
     """
     if whole is None:
         raise error(
@@ -238,14 +247,14 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
         )
     part = whole
     for key in path:
-        part = under(part, key, _WHOLES[name], error)
+        part = under(part, key, _WHOLES[name], error, many=many)
     return part
 
 
-def under(part: Any, key: str | int, owner: str, error: Error) -> Any:
+def under(part: Any, key: str | int, owner: str, error: Error, *, many: bool = False) -> Any:
     """Return what stands under a key; `owner` names the part in the error that it is not there."""
     try:
-        return part[key]
+        return part[:, key] if many and arrays.is_array(part) else part[key]
     except (KeyError, IndexError, TypeError, ValueError):
         known = map(str, part) if isinstance(part, Mapping) else ()
         shape = getattr(part, "shape", None)
