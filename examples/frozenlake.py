@@ -18,7 +18,7 @@ values, chance = np.zeros((16, 4)), np.random.default_rng(0)
 state, _ = env.reset(seed=0)
 episodes = []
 for step in range(chosen.steps):
-    explores = chance.random() < 0.2
+    explores = chance.random() < 0.5 * (1 - step / chosen.steps)
     action = int(chance.integers(4) if explores else values[state].argmax())
     following, reward, terminated, truncated, info = env.step(action)
     target = reward + 0.95 * (not terminated) * values[following].max()

@@ -9,7 +9,7 @@ from typing import Any, Generic, SupportsFloat, TypeVar
 
 from sfol.errors import UsageError, expect
 from sfol.facts import Facts
-from sfol.outcome import Outcome
+from sfol.outcome import Outcome, log_items, named
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import (
     EPISODE,
@@ -17,8 +17,6 @@ from sfol.wrappers.modes import (
     Shaping,
     check_reads,
     expect_function,
-    log_items,
-    named,
     shaping_of,
     total,
 )

@@ -15,7 +15,6 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.observations.plans import Observation, plan_of
-from sfol.outcome import BatchOutcome, Outcome
 from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
@@ -176,23 +175,6 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
     """
     if value is not None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
-
-
-def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
-    """Return the parts of an outcome under the names that loggers get.
-
-    Args:
-        outcome: of one step, or of B steps.
-
-    Returns:
-        Numbers, or arrays (B,): ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
-    """
-    return named(reward=outcome.terms, weight=outcome.weights, confidence=outcome.confidences)
-
-
-def named(**groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of groups under the names ``<group>_<name>``."""
-    return {f"{group}_{name}": v for group, items in groups.items() for name, v in items.items()}
 
 
 def total(terms: Mapping[str, Array]) -> Array:

@@ -15,13 +15,12 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, expect
 from sfol.observations.plans import Observation
+from sfol.outcome import log_items, named
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import (
     EPISODE,
     EpisodeSums,
     check_reads,
-    log_items,
-    named,
     shaping_of,
     total,
 )
