@@ -8,7 +8,7 @@ except ImportError as error:
     raise missing_extra("gymnasium", "the wrappers need it", extra="gymnasium") from error
 
 from sfol.outcome import log_items
-from sfol.wrappers.episodes import Transition
+from sfol.wrappers.judging import Transition
 from sfol.wrappers.modes import EPISODE
 from sfol.wrappers.single import RuleReward
 from sfol.wrappers.vector import VectorRuleReward

@@ -14,9 +14,11 @@ import numpy.typing as npt
 
 from sfol import arrays
 from sfol.errors import UsageError
+from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.observing import NEXT
 from sfol.observations.plans import Observation, parts_of, plans_of
-from sfol.wrappers.episodes import Rewarding, Transition
+from sfol.reward import RewardFunction
+from sfol.wrappers.judging import Transition
 from sfol.wrappers.modes import Shaping, total
 
 ACHIEVED, DESIRED = "achieved_goal", "desired_goal"
@@ -50,22 +52,32 @@ class Hindsight:
 
     Args:
         env: the environment, with goals.
-        rewarding: by what its steps are rewarded.
+        reward: the reward function.
+        mode: ``replace``, ``add`` or ``potential``.
+        shaping: how the environment's own reward is shaped, if it is.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], rewarding: Rewarding) -> None:
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        reward: RewardFunction,
+        mode: str,
+        shaping: Shaping | None,
+    ) -> None:
         self._env = env
-        self._rewarding = rewarding
+        self._reward = reward
+        self._mode = mode
+        self._shaping = shaping
         space = env.observation_space
         assert isinstance(space, gymnasium.spaces.Dict), "it has goals"
         self._rank = len(space[ACHIEVED].shape or ())
-        self._read = _read_beside_goals(rewarding)
+        self._read = _read_beside_goals(reward.kb) if shaping is None else "the state before a step"
         reads_native = any(
             r.whole == "native"
-            for plan in plans_of(rewarding.reward.kb).signals.values()
+            for plan in plans_of(reward.kb).signals.values()
             for r in plan.readings
         )
-        self._has_native = reads_native or rewarding.mode != "replace"
+        self._has_native = reads_native or mode != "replace"
 
     @property
     def needs_transition(self) -> bool:
@@ -75,13 +87,15 @@ class Hindsight:
     def rewards(self, achieved: Any, desired: Any, info: Any) -> float | _Reals:
         """Return the reward of a step, or of B steps; see `RuleReward.compute_reward`."""
         many = np.ndim(achieved) > self._rank
+        if many and not len(achieved):
+            return np.zeros(0)
         step = self._step(achieved, desired, info, many=many)
         native = self._native(achieved, desired, info) if self._has_native else None
-        if self._rewarding.shaping is None:
+        if self._shaping is None:
             ruled = self._ruled(step, native, many=many)
         else:
-            ruled = self._shaped(step, self._rewarding.shaping, many=many)
-        value = ruled if self._rewarding.mode == "replace" else native + ruled
+            ruled = self._shaped(step, self._shaping, many=many)
+        value = ruled if self._mode == "replace" else native + ruled
         return arrays.plain(value) if many else float(value)
 
     def _step(self, achieved: Any, desired: Any, info: Any, *, many: bool) -> _Step:
@@ -114,31 +128,27 @@ class Hindsight:
         return np.asarray(own, dtype=np.float64)
 
     def _ruled(self, step: _Step, native: Any, *, many: bool) -> Any:
-        reward = self._rewarding.reward
-        evaluate = reward.transitions if many else reward.transition
+        evaluate = self._reward.transitions if many else self._reward.transition
         before, action, after, *ended = step
         return evaluate(before, action, after, native, *ended).reward
 
     def _shaped(self, step: _Step, shaping: Shaping, *, many: bool) -> Any:
         states = (step.observation, step.next_observation)
         before, after = (
-            shaping.potentials(self._rewarding.reward, state if many else _stacked([state]))
+            shaping.potentials(self._reward, state if many else _stacked([state]))
             for state in states
         )
         ruled = total(shaping.terms(before, after, np.asarray(step.terminated, np.float64)))
         return ruled if many else ruled[0]
 
 
-def _read_beside_goals(rewarding: Rewarding) -> str | None:
+def _read_beside_goals(kb: KnowledgeBase) -> str | None:
     """Return something that is read of a step and that its goals do not say, or None."""
-    kb = rewarding.reward.kb
     sources, facts, signals = plans_of(kb)
     known = {"": {DESIRED}, NEXT: {ACHIEVED, DESIRED}}
     facts_of = NEXT if kb.facts_at == "next" else ""
     read = [(facts_of, part[1]) for _, plan in facts for part in parts_of(plan)]
     read += [part[:2] for plan in signals.values() for part in parts_of(plan)]
-    if rewarding.shaping is not None:
-        return "the state before a step"
     for whole, part in read:
         paths = [sources[part].path, sources[part].mask or sources[part].path]
         if whole != "native" and any(str(*path[:1]) not in known.get(whole, ()) for path in paths):

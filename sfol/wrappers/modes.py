@@ -136,6 +136,47 @@ def shaping_of(
     return Shaping(potential, _discount(discount))
 
 
+def checked_shaping(  # noqa: PLR0913, PLR0917 (the arguments of a wrapper, in their order)
+    reward: RewardFunction,
+    facts: object,
+    signals: object,
+    mode: str,
+    potential: str | None,
+    discount: float | None,
+) -> Shaping | None:
+    """Check the arguments of a wrapper, and return how it shapes, if it does.
+
+    Args:
+        reward: the reward function.
+        facts: a function that makes facts, or None.
+        signals: a function that makes signals of a transition, or None.
+        mode: as for `shaping_of`, and so are the others.
+        potential: likewise.
+        discount: likewise.
+
+    Raises:
+        UsageError: one is of another type or does not belong to the mode, or the knowledge base
+            does not say how something is read and there is no function that makes it.
+    """
+    expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
+    expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
+    expect_function(signals, "signals", "give a function of a Transition → signals")
+    shaping = shaping_of(reward, mode, potential, discount)
+    if shaping and signals:
+        raise UsageError(
+            "a potential has no signals of a transition",
+            name="signals",
+            suggestion="leave the function out",
+        )
+    check_reads(
+        reward,
+        facts=facts is None,
+        signals=shaping is None and signals is None,
+        instead=", or give {}=…",
+    )
+    return shaping
+
+
 def check_reads(
     reward: RewardFunction, *, facts: bool = True, signals: bool = True, instead: str = ""
 ) -> None:

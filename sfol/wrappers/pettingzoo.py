@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from sfol.errors import expect, missing_extra
 from sfol.facts import Facts
 from sfol.reward import RewardFunction
-from sfol.wrappers.episodes import Rewarding, RuledEpisode, Transition
+from sfol.wrappers.judging import Judge, Transition
+from sfol.wrappers.modes import EPISODE, EpisodeSums, checked_shaping
 
 try:
     from pettingzoo import ParallelEnv
@@ -62,39 +62,42 @@ class ParallelRuleReward(BaseParallelWrapper):
         discount: float | None = None,
     ) -> None:
         expect(env, ParallelEnv, "the environment", "give a pettingzoo.ParallelEnv")
-        self._rewarding = Rewarding.checked(reward, facts, signals, mode, potential, discount)
+        shaping = checked_shaping(reward, facts, signals, mode, potential, discount)
         super().__init__(env)
+        self._reward = reward
         self._facts_of = facts
-        self._episodes: dict[str, RuledEpisode[Any, Any]] = {}
-        self._of_agents: dict[str, Rewarding] = {}
+        self._signals_of = signals
+        self._mode = mode
+        self._shaping = shaping
+        self._judges: dict[str, Judge[Any, Any]] = {}
+        self._sums: dict[str, EpisodeSums] = {}  # of those who take part
         for agent in getattr(env, "possible_agents", ()):
-            self._of(agent)
+            self._judge(agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[_Agents, _Agents]:
         """Start an episode; see `pettingzoo.ParallelEnv.reset`."""
         observations, infos = self.env.reset(seed=seed, options=options)
-        facts_of = self._facts(observations, infos)
-        self._episodes = {
-            agent: self._started(agent, observations[agent], facts_of) for agent in self.env.agents
-        }
+        self._sums = {}
+        self._make_facts(observations, infos)
+        for agent in self.env.agents:
+            self._begin(agent, observations, infos)
         return observations, infos
 
     def step(self, actions: _Agents) -> tuple[_Agents, _Agents, _Agents, _Agents, _Agents]:
         """Take a step and reward each agent; see `pettingzoo.ParallelEnv.step`."""
         observations, native, terminated, truncated, infos = self.env.step(actions)
-        facts_of = self._facts(observations, infos)
         rewards, infos = dict(native), dict(infos)
+        self._make_facts(observations, infos)
         for agent, original in native.items():
-            episode = self._episodes.get(agent)
-            if episode is None:
-                self._episodes[agent] = self._started(agent, observations[agent], facts_of)
-                rewards[agent] = 0.0 if self._rewarding.mode == "replace" else original
+            if agent not in self._sums:
+                self._begin(agent, observations, infos)
+                rewards[agent] = 0.0 if self._mode == "replace" else original
                 infos[agent] = {**infos[agent], "original_reward": original}
                 continue
             transition = Transition(
-                episode.observation,
+                self._judge(agent).observation,
                 actions.get(agent),
                 observations[agent],
                 original,
@@ -102,33 +105,40 @@ class ParallelRuleReward(BaseParallelWrapper):
                 truncated[agent],
                 infos[agent],
             )
-            rewards[agent], infos[agent] = episode.step(transition, partial(facts_of, agent))
-        for agent in self._episodes.keys() - {*self.env.agents}:
-            del self._episodes[agent]
+            rewards[agent], infos[agent] = self._rewarded(agent, transition)
+        for agent in self._sums.keys() - {*self.env.agents}:
+            del self._sums[agent]
         return observations, rewards, terminated, truncated, infos
 
-    def _started(
-        self, agent: str, observation: Any, facts_of: Callable[[str], Facts]
-    ) -> RuledEpisode[Any, Any]:
-        return RuledEpisode(self._of(agent), observation, facts_of(agent))
+    def _rewarded(
+        self, agent: str, transition: Transition[Any, Any]
+    ) -> tuple[float, dict[str, Any]]:
+        """Return what a step of an agent is worth, and its info."""
+        given, original = self._judge(agent).step(transition), transition.native
+        value = given.value if self._mode == "replace" else float(original) + given.value
+        self._sums[agent].add(value, float(original), given.terms)
+        info = {**transition.info, **given.items, "original_reward": original}
+        if transition.terminated or transition.truncated:
+            info[EPISODE] = self._sums[agent].items()
+        return value, info
 
-    def _facts(
-        self, observations: Mapping[str, Any], infos: Mapping[str, Any]
-    ) -> Callable[[str], Facts]:
-        """Return what gives the facts of an agent's state."""
-        if self._facts_of is None:
-            return lambda agent: self._rewarding.reward.observe(observations[agent])
-        shared = self._facts_of(observations, infos, self.env)
-        return lambda _agent: shared
+    def _begin(self, agent: str, observations: _Agents, infos: _Agents) -> None:
+        self._judge(agent).begin(observations[agent], infos[agent])
+        self._sums[agent] = EpisodeSums()
 
-    def _of(self, agent: str) -> Rewarding:
-        """Return by what an agent is rewarded."""
-        if agent not in self._of_agents:
-            common, signals_of = self._rewarding, self._rewarding.signals_of
-            reward = common.reward
-            self._of_agents[agent] = replace(
-                common,
-                reward=reward if self._facts_of is None else reward.for_subject(agent),
-                signals_of=None if signals_of is None else partial(signals_of, agent),
+    def _make_facts(self, observations: _Agents, infos: _Agents) -> None:
+        """Make the facts of all agents, if a function does."""
+        if self._facts_of is not None:
+            self._facts = self._facts_of(observations, infos, self.env)
+
+    def _judge(self, agent: str) -> Judge[Any, Any]:
+        """Return who judges the steps of an agent; made at its first episode."""
+        if agent not in self._judges:
+            shared, of_agent = self._facts_of is not None, self._signals_of
+            self._judges[agent] = Judge(
+                self._reward.for_subject(agent) if shared else self._reward,
+                facts=(lambda _observation, _info: self._facts) if shared else None,
+                signals=None if of_agent is None else partial(of_agent, agent),
+                shaping=self._shaping,
             )
-        return self._of_agents[agent]
+        return self._judges[agent]

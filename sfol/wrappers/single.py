@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, SupportsFloat
 
 import gymnasium
@@ -12,8 +11,9 @@ import gymnasium
 from sfol.errors import UsageError, expect
 from sfol.facts import Facts
 from sfol.reward import RewardFunction
-from sfol.wrappers.episodes import Action, Observation, Rewarding, RuledEpisode, Transition
 from sfol.wrappers.goals import ACHIEVED, DESIRED, TRANSITION, Hindsight, has_goals
+from sfol.wrappers.judging import Action, Judge, Observation, Transition
+from sfol.wrappers.modes import EPISODE, EpisodeSums, checked_shaping
 
 
 class RuleReward(
@@ -68,7 +68,7 @@ class RuleReward(
         discount: float | None = None,
     ) -> None:
         expect(env, gymnasium.Env, "the environment", "give a gymnasium.Env")
-        rewarding = Rewarding.checked(reward, facts, signals, mode, potential, discount)
+        shaping = checked_shaping(reward, facts, signals, mode, potential, discount)
         # So that Gymnasium can make the environment again from its specification.
         gymnasium.utils.RecordConstructorArgs.__init__(
             self,
@@ -81,30 +81,36 @@ class RuleReward(
             _disable_deepcopy=True,
         )
         gymnasium.Wrapper.__init__(self, env)
-        self._rewarding = rewarding
-        self._facts_of = facts
+        self._judge: Judge[Observation, Action] = Judge(
+            reward, facts=facts, signals=signals, shaping=shaping, context=(env,)
+        )
+        self._mode = mode
         self._hindsight: Hindsight | None = None
         if has_goals(env) and facts is None and signals is None:
-            self._hindsight = Hindsight(env, rewarding)
+            self._hindsight = Hindsight(env, reward, mode, shaping)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._episode: RuledEpisode[Observation, Action] = RuledEpisode(
-            self._rewarding, observation, self._facts(observation, info)
-        )
+        self._judge.begin(observation, info)
+        self._sums = EpisodeSums()
         return observation, info
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
-        before = self._episode.observation
+        before = self._judge.observation
         transition = Transition(before, action, observation, original, terminated, truncated, info)
-        value, info = self._episode.step(transition, partial(self._facts, observation, info))
+        given = self._judge.step(transition)
+        value = given.value if self._mode == "replace" else float(original) + given.value
+        self._sums.add(value, float(original), given.terms)
+        info = {**info, **given.items, "original_reward": original}
+        if terminated or truncated:
+            info[EPISODE] = self._sums.items()
         if self._hindsight is not None and self._hindsight.needs_transition:
-            info[TRANSITION] = replace(transition, next_observation=self._episode.observation)
+            info[TRANSITION] = replace(transition, next_observation=self._judge.observation)
         return observation, value, terminated, truncated, info
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
@@ -139,8 +145,3 @@ class RuleReward(
                 else f"it must observe '{ACHIEVED}' and '{DESIRED}'",
             )
         return self._hindsight.rewards(achieved_goal, desired_goal, info)
-
-    def _facts(self, observation: Observation, info: Mapping[str, Any]) -> Facts:
-        if self._facts_of is None:
-            return self._rewarding.reward.observe(observation)
-        return self._facts_of(observation, info, self.env)

@@ -179,6 +179,7 @@ def test_what_goals_do_not_say_is_in_info(load, mode):
         assert isinstance(info["sfol.transition"], Transition)
     rewards = env.compute_reward(np.array(places), others, np.array(infos))
     assert rewards.dtype == np.float64
+    assert env.compute_reward(others[:0], others[:0], np.array([])).shape == (0,)
     assert rewards == pytest.approx(expected, abs=1e-12)
 
 
