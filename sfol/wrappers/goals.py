@@ -5,7 +5,7 @@ Source: Andrychowicz et al., Hindsight experience replay, NeurIPS 2017.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -38,9 +38,8 @@ class _Step(NamedTuple):
     truncated: Any
 
 
-def has_goals(env: gymnasium.Env[Any, Any]) -> bool:
-    """Tell whether an environment observes an achieved and a desired goal."""
-    space = env.observation_space
+def has_goals(space: gymnasium.Space[Any]) -> bool:
+    """Tell whether observations have an achieved and a desired goal."""
     return isinstance(space, gymnasium.spaces.Dict) and {ACHIEVED, DESIRED} <= space.keys()
 
 
@@ -48,10 +47,11 @@ class Hindsight:
     """Rewards steps by rules with another desired goal than the one that they were taken for.
 
     A step then has the goal in both of its observations; all else is as it was recorded, but for
-    the environment's own reward, which its own ``compute_reward`` says.
+    the environment's own reward, which is that for the other goal.
 
     Args:
-        env: the environment, with goals.
+        space: of observations, with goals.
+        native: the environment's own ``compute_reward``; asked only if something needs it.
         reward: the reward function.
         mode: ``replace``, ``add`` or ``potential``.
         shaping: how the environment's own reward is shaped, if it is.
@@ -59,25 +59,25 @@ class Hindsight:
 
     def __init__(
         self,
-        env: gymnasium.Env[Any, Any],
+        space: gymnasium.Space[Any],
+        native: Callable[[Any, Any, Any], Any],
         reward: RewardFunction,
         mode: str,
         shaping: Shaping | None,
     ) -> None:
-        self._env = env
+        assert isinstance(space, gymnasium.spaces.Dict), "it has goals"
+        self._rank = len(space[ACHIEVED].shape or ())
+        self._native = native
         self._reward = reward
         self._mode = mode
         self._shaping = shaping
-        space = env.observation_space
-        assert isinstance(space, gymnasium.spaces.Dict), "it has goals"
-        self._rank = len(space[ACHIEVED].shape or ())
         self._read = _read_beside_goals(reward.kb) if shaping is None else "the state before a step"
         reads_native = any(
             r.whole == "native"
             for plan in plans_of(reward.kb).signals.values()
             for r in plan.readings
         )
-        self._has_native = reads_native or mode != "replace"
+        self._needs_native = reads_native or mode != "replace"
 
     @property
     def needs_transition(self) -> bool:
@@ -90,7 +90,9 @@ class Hindsight:
         if many and not len(achieved):
             return np.zeros(0)
         step = self._step(achieved, desired, info, many=many)
-        native = self._native(achieved, desired, info) if self._has_native else None
+        native = None
+        if self._needs_native:
+            native = np.asarray(self._native(achieved, desired, info), dtype=np.float64)
         if self._shaping is None:
             ruled = self._ruled(step, native, many=many)
         else:
@@ -121,11 +123,6 @@ class Hindsight:
             )
         step: Transition[Any, Any] = info[TRANSITION]
         return _Step(*(getattr(step, name) for name in _Step._fields))
-
-    def _native(self, achieved: Any, desired: Any, info: Any) -> Any:
-        """Return the environment's own reward with other goals."""
-        own = self._env.get_wrapper_attr("compute_reward")(achieved, desired, info)
-        return np.asarray(own, dtype=np.float64)
 
     def _ruled(self, step: _Step, native: Any, *, many: bool) -> Any:
         evaluate = self._reward.transitions if many else self._reward.transition

@@ -86,8 +86,8 @@ class RuleReward(
         )
         self._mode = mode
         self._hindsight: Hindsight | None = None
-        if has_goals(env) and facts is None and signals is None:
-            self._hindsight = Hindsight(env, reward, mode, shaping)
+        if has_goals(env.observation_space) and facts is None and signals is None:
+            self._hindsight = Hindsight(env.observation_space, self._native, reward, mode, shaping)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -134,7 +134,7 @@ class RuleReward(
                 info does not say what the reward needs.
         """
         if self._hindsight is None:
-            made = has_goals(self.env)
+            made = has_goals(self.env.observation_space)
             raise UsageError(
                 "facts or signals are made by functions, which know the present alone"
                 if made
@@ -145,3 +145,7 @@ class RuleReward(
                 else f"it must observe '{ACHIEVED}' and '{DESIRED}'",
             )
         return self._hindsight.rewards(achieved_goal, desired_goal, info)
+
+    def _native(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Return the environment's own reward with other goals."""
+        return self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)
