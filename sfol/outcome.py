@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from sfol.arrays import Array
 from sfol.engines.batched import Bounds
@@ -59,3 +60,20 @@ class BatchOutcome:
     weights: Mapping[str, Array]
     confidences: Mapping[str, Array]
     bounds: Mapping[str, Bounds]
+
+
+def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
+    """Return the parts of an outcome under the names that loggers get.
+
+    Args:
+        outcome: of one step, or of B steps.
+
+    Returns:
+        Numbers, or arrays (B,): ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
+    """
+    return named(reward=outcome.terms, weight=outcome.weights, confidence=outcome.confidences)
+
+
+def named(**groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of groups under the names ``<group>_<name>``."""
+    return {f"{group}_{name}": v for group, items in groups.items() for name, v in items.items()}

@@ -40,7 +40,7 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.syntax import Atom
+from sfol.syntax import Atom, is_name, is_variable
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
@@ -235,6 +235,32 @@ class RewardFunction:
             for name, term in self.kb.terms.items()
         }
         return replace(self.kb, weights=weights, terms=terms)
+
+    def for_subject(self, subject: str) -> RewardFunction:
+        """Return the reward of another subject, such as another agent, by the same rules.
+
+        It has the coefficients and parameters of this one: set in either, they are set in both.
+        Conclusions are of one subject, so each must draw its own.
+
+        Args:
+            subject: a constant, the entity whose conclusions make the reward.
+
+        Raises:
+            UsageError: it is no constant.
+        """
+        expect(subject, str, "the subject", "give the name of an entity")
+        if not is_name(subject) or is_variable(subject):
+            raise UsageError(
+                f"the subject '{subject}' is not a constant",
+                name=subject,
+                suggestion="a constant begins with a lower-case letter, such as ego",
+            )
+        kb = replace(self.kb, subject=subject)
+        other = RewardFunction(
+            kb, engine=self._engine_name, work_limit=self._engine.program.work_limit
+        )
+        other.coefficients, other.parameters = self.coefficients, self.parameters
+        return other
 
     def facts(self) -> Facts:
         """Return an empty set of facts with the knowledge base's margin."""
@@ -504,9 +530,15 @@ class RewardFunction:
         return _rebuild, (self.kb, self._engine_name, limit, *numbers)
 
     def _concluded(self, facts: Facts | Conclusions) -> Conclusions:
-        if isinstance(facts, Conclusions):
-            return facts
-        return self._conclude(_facts(facts))
+        if not isinstance(facts, Conclusions):
+            return self._conclude(_facts(facts))
+        if facts.subject != self.kb.subject:
+            raise UsageError(
+                f"the conclusions are those of '{facts.subject}'",
+                name=facts.subject,
+                suggestion=f"draw those of '{self.kb.subject}' with this reward's conclude()",
+            )
+        return facts
 
     def _conclude_first(self, facts: Facts) -> Conclusions:
         self._warn_once(facts.entities())

@@ -27,6 +27,11 @@ class Conclusions:
     derived: Mapping[Atom, Bound]
     _program: Program = field(repr=False, compare=False)
 
+    @cached_property
+    def subject(self) -> str:
+        """The entity that they were drawn for."""
+        return self._program.knowledge_base.subject
+
     @cached_property  # found when first asked for: few ask
     def fired(self) -> frozenset[str]:
         """The names of the rules that concluded something."""
@@ -39,4 +44,5 @@ class Conclusions:
 
     def __getstate__(self) -> dict[str, Any]:
         # A program is made of closures, which no pickle holds; what it is asked for can be.
-        return {"tables": self.tables, "derived": self.derived, "fired": self.fired}
+        kept = ("tables", "derived", "subject", "fired")
+        return {name: getattr(self, name) for name in kept}

@@ -123,9 +123,8 @@ class Source(_Section):
     @cached_property
     def mask(self) -> tuple[_Key, ...] | None:
         """The keys that lead to which rows are there; None if a field says so, or nothing."""
-        if self.present is None or self.present in self.columns:
-            return None
-        return _listed_keys(self.present)
+        is_field = not isinstance(self.present, list) and self.present in self.columns
+        return None if self.present is None or is_field else _listed_keys(self.present)
 
 
 def _listed_keys(key: _Key | list[_Key] | None) -> tuple[_Key, ...]:

@@ -6,7 +6,7 @@ entities is (n, B). Every formula is evaluated for all scenes and entities at on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,9 +23,11 @@ from sfol.observations.plans import (
     FormulaPlan,
     Observation,
     ObservedStep,
+    PartName,
     Range,
     fits,
     part_at,
+    parts_of,
     plans_of,
     read_for_facts,
     shape_of,
@@ -34,7 +36,6 @@ from sfol.observations.plans import (
 from sfol.operators import least
 
 _FACTS = "facts"  # the observation that facts are read off, beside the wholes of a step
-_PartName = tuple[str, str, bool]  # which whole, which part of it, and whether that is a table
 Key = tuple[str, tuple[str, ...]]  # a predicate, and for each argument its sort or constant
 
 
@@ -116,10 +117,10 @@ class ScenesReader:
         return False
 
     @cached_property  # asked at every step
-    def _parts(self) -> list[_PartName]:
+    def _parts(self) -> list[PartName]:
         """What formulas read: first of the observation that facts are read off."""
-        facts = [part for _, plan in self._facts for part in _parts_of(plan)]
-        signals = [part for plan in self._signals.values() for part in _parts_of(plan)]
+        facts = [part for _, plan in self._facts for part in parts_of(plan)]
+        signals = [part for plan in self._signals.values() for part in parts_of(plan)]
         own = [(_FACTS, source, of_rows) for _, source, of_rows in facts]
         return [*dict.fromkeys([*own, *sorted(signals, key=lambda part: part[0] != "")])]
 
@@ -162,13 +163,6 @@ class ScenesReader:
             },
             {name: _signal(name, plan, others) for name, plan in signals.items()},
         )
-
-
-def _parts_of(plan: FormulaPlan) -> Iterator[_PartName]:
-    """Yield what a formula reads: which whole, which part of it, and whether that is a table."""
-    for entities in (*plan.variables, *plan.quantified.values()):
-        yield from ((entities.whole, table, True) for table in entities.sort.tables)
-    yield from ((reading.whole, reading.source, False) for reading in plan.readings)
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -216,10 +210,10 @@ class _Scenes:
         self._wholes = wholes
         self._error = error
         self._plans = plans
-        parts = dict.fromkeys(part for plan in plans for part in _parts_of(plan))
+        parts = dict.fromkeys(part for plan in plans for part in parts_of(plan))
         self._given = {part: self._columns(*part) for part in parts}
         self._masks = {
-            (name, source): self._array(part_at(wholes[name], mask, name, error), source)
+            (name, source): self._array(part_at(wholes[name], mask, name, error, many=True), source)
             for name, source, of_rows in parts
             if of_rows and (mask := self._sources[source].mask) is not None
         }
@@ -286,7 +280,8 @@ class _Scenes:
     def _columns(self, name: str, source: str, of_rows: bool) -> list[Array]:
         """Return the arrays of a part: one for all fields, or one for each."""
         spec = self._sources[source]
-        whole, fields = part_at(self._wholes[name], spec.path, name, self._error), spec.fields
+        whole = part_at(self._wholes[name], spec.path, name, self._error, many=True)
+        fields = spec.fields
         if isinstance(whole, Mapping) and isinstance(fields, list):
             columns = [
                 self._array(under(whole, field, source, self._error), source) for field in fields

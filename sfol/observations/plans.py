@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from sfol import arrays
 from sfol.errors import FactError, SignalError, did_you_mean
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
@@ -15,6 +16,7 @@ from sfol.knowledge_base.observing import ACTION, NEXT, STEP, entity_names, with
 from sfol.knowledge_base.parts import fields_of
 
 Observation = Any  # mappings, sequences and arrays, nested in any way
+PartName = tuple[str, str, bool]  # which whole, which part of it, and whether that is a table
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,13 @@ def _reading(kb: KnowledgeBase, name: str) -> NameReading:
     return NameReading(name, whole, source, column)
 
 
+def parts_of(plan: FormulaPlan) -> Iterator[PartName]:
+    """Yield what a formula reads: which whole, which part of it, and whether that is a table."""
+    for entities in (*plan.variables, *plan.quantified.values()):
+        yield from ((entities.whole, table, True) for table in entities.sort.tables)
+    yield from ((reading.whole, reading.source, False) for reading in plan.readings)
+
+
 def read_for_facts(kb: KnowledgeBase, step: ObservedStep) -> Observation:
     """Return the observation of a step that facts are read off.
 
@@ -213,7 +222,14 @@ def shape_of(source: Source, before: Sequence[str]) -> str:
     return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
 
 
-def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Error) -> Any:
+def part_at(
+    whole: Observation,
+    path: Sequence[str | int],
+    name: str,
+    error: Error,
+    *,
+    many: bool = False,
+) -> Any:
     """Return the part of an observation that keys lead to.
 
     Args:
@@ -221,6 +237,7 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
         path: the keys, from the outside in.
         name: which whole it is, as in `NameReading`.
         error: what is raised where there is no such part.
+        many: whether arrays have an axis B before those that keys are of.
     """
     if whole is None:
         raise error(
@@ -230,14 +247,14 @@ def part_at(whole: Observation, path: Sequence[str | int], name: str, error: Err
         )
     part = whole
     for key in path:
-        part = under(part, key, _WHOLES[name], error)
+        part = under(part, key, _WHOLES[name], error, many=many)
     return part
 
 
-def under(part: Any, key: str | int, owner: str, error: Error) -> Any:
+def under(part: Any, key: str | int, owner: str, error: Error, *, many: bool = False) -> Any:
     """Return what stands under a key; `owner` names the part in the error that it is not there."""
     try:
-        return part[key]
+        return part[:, key] if many and arrays.is_array(part) else part[key]
     except (KeyError, IndexError, TypeError, ValueError):
         known = map(str, part) if isinstance(part, Mapping) else ()
         shape = getattr(part, "shape", None)

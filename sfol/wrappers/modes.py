@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import operator
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from sfol import arrays
 from sfol.arrays import Array
-from sfol.engines.batched import Bounds
-from sfol.errors import SilentZeroWarning, UsageError, did_you_mean, expect
-from sfol.facts import Bound, Facts
-from sfol.observations.plans import plan_of
-from sfol.outcome import BatchOutcome, Outcome
+from sfol.errors import UsageError, did_you_mean, expect
+from sfol.observations.plans import Observation, plan_of
 from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
@@ -48,6 +47,21 @@ class Shaping:
         """
         alive = self.discount * (1.0 - terminated)
         return {name: alive * after[name] - before[name] for name in before}
+
+    def potentials(
+        self, reward: RewardFunction, observations: Observation
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the summands of φ of B states.
+
+        Args:
+            reward: the reward function.
+            observations: of the states, with an axis B before all others.
+        """
+        if self.weight is not None:
+            weights = reward.weights_of_many(observations)
+            return {self.weight: arrays.plain(weights[self.weight])}
+        terms = reward.transitions(observations, None, observations).terms
+        return {name: arrays.plain(value) for name, value in terms.items()}
 
 
 class EpisodeSums:
@@ -122,6 +136,47 @@ def shaping_of(
     return Shaping(potential, _discount(discount))
 
 
+def checked_shaping(  # noqa: PLR0913, PLR0917 (the arguments of a wrapper, in their order)
+    reward: RewardFunction,
+    facts: object,
+    signals: object,
+    mode: str,
+    potential: str | None,
+    discount: float | None,
+) -> Shaping | None:
+    """Check the arguments of a wrapper, and return how it shapes, if it does.
+
+    Args:
+        reward: the reward function.
+        facts: a function that makes facts, or None.
+        signals: a function that makes signals of a transition, or None.
+        mode: as for `shaping_of`, and so are the others.
+        potential: likewise.
+        discount: likewise.
+
+    Raises:
+        UsageError: one is of another type or does not belong to the mode, or the knowledge base
+            does not say how something is read and there is no function that makes it.
+    """
+    expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
+    expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
+    expect_function(signals, "signals", "give a function of a Transition → signals")
+    shaping = shaping_of(reward, mode, potential, discount)
+    if shaping and signals:
+        raise UsageError(
+            "a potential has no signals of a transition",
+            name="signals",
+            suggestion="leave the function out",
+        )
+    check_reads(
+        reward,
+        facts=facts is None,
+        signals=shaping is None and signals is None,
+        instead=", or give {}=…",
+    )
+    return shaping
+
+
 def check_reads(
     reward: RewardFunction, *, facts: bool = True, signals: bool = True, instead: str = ""
 ) -> None:
@@ -153,38 +208,6 @@ def check_reads(
         )
 
 
-def is_silent(bounds: Mapping[str, Bound | Bounds | None]) -> bool:
-    """Tell whether nothing was concluded about the subject: of one scene, or of all of many.
-
-    Args:
-        bounds: of an outcome.
-    """
-    return not any(
-        bool(bound.known.any()) if isinstance(bound, Bounds) else bound is not None
-        for bound in bounds.values()
-    )
-
-
-def warn_of_silence(reward: RewardFunction, facts: Facts | None = None) -> None:
-    """Warn that rules have concluded nothing until the end of the first episode.
-
-    Args:
-        reward: the reward function.
-        facts: the episode's last ones, if they are at hand.
-    """
-    kb = reward.kb
-    given = {atom.predicate for atom in kb.background} | {*kb.heads}
-    missing = sorted(kb.read - given - {*facts.predicates()}) if facts is not None else []
-    shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
-    hint = f"its last facts say nothing of {shown}; " if missing else ""
-    warnings.warn(
-        f"'{kb.name}': no rule has concluded anything about '{kb.subject}' in a whole episode "
-        f"({hint}sfol lint finds rules that can't, RewardFunction.explain says what each lacks)",
-        SilentZeroWarning,
-        stacklevel=3,  # where the environment was stepped
-    )
-
-
 def expect_function(value: object, what: str, suggestion: str) -> None:
     """Make sure that an argument is a function or None.
 
@@ -193,23 +216,6 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
     """
     if value is not None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
-
-
-def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
-    """Return the parts of an outcome under the names that loggers get.
-
-    Args:
-        outcome: of one step, or of B steps.
-
-    Returns:
-        Numbers, or arrays (B,): ``reward_<term>``, ``weight_<name>`` and ``confidence_<head>``.
-    """
-    return named(reward=outcome.terms, weight=outcome.weights, confidence=outcome.confidences)
-
-
-def named(**groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of groups under the names ``<group>_<name>``."""
-    return {f"{group}_{name}": v for group, items in groups.items() for name, v in items.items()}
 
 
 def total(terms: Mapping[str, Array]) -> Array:

@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, SupportsFloat, TypeVar
+from dataclasses import replace
+from typing import Any, SupportsFloat
 
 import gymnasium
 
 from sfol.errors import UsageError, expect
 from sfol.facts import Facts
-from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import (
-    EPISODE,
-    EpisodeSums,
-    check_reads,
-    expect_function,
-    is_silent,
-    log_items,
-    named,
-    shaping_of,
-    total,
-    warn_of_silence,
-)
-
-Observation = TypeVar("Observation")
-Action = TypeVar("Action")
-
-
-@dataclass(frozen=True)
-class Transition(Generic[Observation, Action]):
-    """One step (s, a, s') of an environment.
-
-    Attributes:
-        observation: of s.
-        action: a.
-        next_observation: of s'.
-        native: the environment's own reward.
-        terminated: whether the step terminated the episode.
-        truncated: whether the episode was truncated after it.
-        info: what the environment says of the step.
-    """
-
-    observation: Observation
-    action: Action
-    next_observation: Observation
-    native: SupportsFloat
-    terminated: bool
-    truncated: bool
-    info: Mapping[str, Any]
+from sfol.wrappers.goals import ACHIEVED, DESIRED, TRANSITION, Hindsight, has_goals
+from sfol.wrappers.judging import Action, Judge, Observation, Transition
+from sfol.wrappers.modes import EPISODE, EpisodeSums, checked_shaping
+from sfol.wrappers.silence import Silence
 
 
 class RuleReward(
@@ -73,6 +37,9 @@ class RuleReward(
     environment's own reward as ``original_reward``; ``weight_<name>`` and ``confidence_<head>``, or
     ``potential_<term>`` of s' in mode ``potential``. At the end of an episode ``sfol.episode`` has
     its sums: ``return``, ``original_return``, ``length`` and ``terms``.
+
+    Where the environment has goals, `compute_reward` is the rules' as well, so that hindsight pays
+    the same reward for goals that are replaced.
 
     Args:
         env: any environment.
@@ -103,22 +70,7 @@ class RuleReward(
         discount: float | None = None,
     ) -> None:
         expect(env, gymnasium.Env, "the environment", "give a gymnasium.Env")
-        expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
-        expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
-        expect_function(signals, "signals", "give a function of a Transition → signals")
-        shaping = shaping_of(reward, mode, potential, discount)
-        if shaping and signals:
-            raise UsageError(
-                "a potential has no signals of a transition",
-                name="signals",
-                suggestion="leave the function out",
-            )
-        check_reads(
-            reward,
-            facts=facts is None,
-            signals=shaping is None and signals is None,
-            instead=", or give {}=…",
-        )
+        shaping = checked_shaping(reward, facts, signals, mode, potential, discount)
         # So that Gymnasium can make the environment again from its specification.
         gymnasium.utils.RecordConstructorArgs.__init__(
             self,
@@ -131,89 +83,74 @@ class RuleReward(
             _disable_deepcopy=True,
         )
         gymnasium.Wrapper.__init__(self, env)
-        self._reward = reward
-        self._facts_of = facts
-        self._signals_of = signals
-        self._shaping = shaping
+        self._judge: Judge[Observation, Action] = Judge(
+            reward, facts=facts, signals=signals, shaping=shaping, context=(env,)
+        )
         self._mode = mode
-        self._silent = bool(reward.kb.heads)  # until a rule concludes something
+        self._silence = Silence(reward)
+        self._hindsight: Hindsight | None = None
+        if has_goals(env.observation_space) and facts is None and signals is None:
+            self._hindsight = Hindsight(env.observation_space, self._native, reward, mode, shaping)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._remember(observation, info)
+        self._judge.begin(observation, info)
         self._sums = EpisodeSums()
         return observation, info
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
-        transition = Transition(
-            self._observation, action, observation, original, terminated, truncated, info
-        )
-        ruled, terms, items = self._ruled(transition)
-        value = ruled if self._mode == "replace" else float(original) + ruled
-        self._sums.add(value, float(original), terms)
-        info = {**info, **items, "original_reward": original}
+        before = self._judge.observation
+        transition = Transition(before, action, observation, original, terminated, truncated, info)
+        given = self._judge.step(transition)
+        value = given.value if self._mode == "replace" else float(original) + given.value
+        self._sums.add(value, float(original), given.terms)
+        info = {**info, **given.items, "original_reward": original}
+        self._silence.hear(given.items)
         if terminated or truncated:
             info[EPISODE] = self._sums.items()
-            if self._silent:
-                self._silent = False
-                warn_of_silence(self._reward, self._facts)
+            self._silence.end(self._judge.facts)
+        if self._hindsight is not None and self._hindsight.needs_transition:
+            info[TRANSITION] = replace(transition, next_observation=self._judge.observation)
         return observation, value, terminated, truncated, info
 
-    def _ruled(
-        self, transition: Transition[Observation, Action]
-    ) -> tuple[float, Mapping[str, float], dict[str, float]]:
-        """Return what the rules give for a step, its summands, and the items of info."""
-        if self._shaping is None:
-            outcome = self._judged(transition)
-            return outcome.reward, outcome.terms, log_items(outcome)
-        before = self._potential
-        self._remember(transition.next_observation, transition.info)
-        terms = self._shaping.terms(before, self._potential, transition.terminated)
-        return total(terms), terms, named(reward=terms, potential=self._potential)
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Return the reward of a step had the goal been another one, as hindsight asks for it.
 
-    def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
-        signals, before = self._signals(transition), self._facts
-        self._remember(transition.next_observation, transition.info)
-        facts = before if self._reward.kb.facts_at == "state" else self._facts
-        return self._heard(self._reward.evaluate(facts, **signals))
+        It is the rules' reward, made of the goals if they are all that is read of a step. If more
+        is read, ``info["sfol.transition"]`` must say what happened, as it does where `step` filled
+        it in. How a step ended stays as it was.
 
-    def _heard(self, outcome: Outcome) -> Outcome:
-        if self._silent:
-            self._silent = is_silent(outcome.bounds)
-        return outcome
+        Args:
+            achieved_goal: of the state that the step led to; or of B steps, with an axis B before
+                all others.
+            desired_goal: the other goal, likewise.
+            info: of the step; or of each step.
 
-    def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
-        # Environments may use one array for all their observations.
-        self._observation = copy.deepcopy(observation)
-        if self._facts_of is None:
-            self._facts = self._reward.observe(observation)
-        else:
-            self._facts = self._facts_of(observation, info, self.env)
-        if self._shaping is not None:
-            self._potential = self._potential_of(observation, self._shaping.weight)
+        Returns:
+            A number, or float64 (B,).
 
-    def _potential_of(self, observation: Observation, weight: str | None) -> Mapping[str, float]:
-        """Return the summands of the potential of the state whose facts are remembered."""
-        if weight is not None:
-            value = self._reward.weights(self._facts)[weight]
-            self._silent = self._silent and not value
-            return {weight: value}
-        signals = self._reward.observe_signals(observation)
-        return self._heard(self._reward.evaluate(self._facts, **signals)).terms
+        Raises:
+            UsageError: the environment has no goals, facts or signals are made by functions, or
+                info does not say what the reward needs.
+        """
+        if self._hindsight is None:
+            made = has_goals(self.env.observation_space)
+            raise UsageError(
+                "facts or signals are made by functions, which know the present alone"
+                if made
+                else "the environment has no goals",
+                name="compute_reward",
+                suggestion="let the knowledge base say how they are read off observations"
+                if made
+                else f"it must observe '{ACHIEVED}' and '{DESIRED}'",
+            )
+        return self._hindsight.rewards(achieved_goal, desired_goal, info)
 
-    def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
-        given = {} if self._signals_of is None else self._signals_of(transition)
-        return self._reward.observe_signals(
-            transition.observation,
-            transition.action,
-            transition.next_observation,
-            transition.native,
-            transition.terminated,
-            transition.truncated,
-            **given,
-        )
+    def _native(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Return the environment's own reward with other goals."""
+        return self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)

@@ -15,19 +15,16 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.errors import UsageError, expect
 from sfol.observations.plans import Observation
-from sfol.outcome import BatchOutcome
+from sfol.outcome import log_items, named
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import (
     EPISODE,
     EpisodeSums,
     check_reads,
-    is_silent,
-    log_items,
-    named,
     shaping_of,
     total,
-    warn_of_silence,
 )
+from sfol.wrappers.silence import Silence
 
 _Reals = npt.NDArray[np.float64]
 _Mask = npt.NDArray[np.bool_]
@@ -77,7 +74,7 @@ class VectorRuleReward(VectorWrapper):
         super().__init__(envs)
         self._reward = reward
         self._mode = mode
-        self._silent = bool(reward.kb.heads)  # until a rule concludes something
+        self._silence = Silence(reward)
         self._shaping = shaping
 
     def reset(
@@ -106,15 +103,14 @@ class VectorRuleReward(VectorWrapper):
         taken = ~self._begins
         step = (self._observations, actions, landed, native, terminated, truncated)
         ruled, terms, items = self._ruled(step, taken)
+        self._silence.hear(items)
         rewards = ruled if self._mode == "replace" else native + ruled
         self._sums.add(rewards, native, terms, taken.astype(np.int64))
         infos = {**infos, **_with_masks({**items, "original_reward": np.array(native)}, taken)}
         if ended.any():
             infos |= _with_masks({EPISODE: _sums(self._sums.items(), ended)}, ended)
             self._sums.restart(ended)
-            if self._silent:
-                self._silent = False
-                warn_of_silence(self._reward)
+            self._silence.end()
         self._begins = ended & (self._autoreset is AutoresetMode.NEXT_STEP)
         self._remember(observations, landed)
         return observations, rewards, terminated, truncated, infos
@@ -123,7 +119,7 @@ class VectorRuleReward(VectorWrapper):
         """Return what the rules give, its summands and the items of info; 0 for who began anew."""
         if self._shaping is not None:
             *_, landed, _, terminated, _ = step
-            self._landed_potential = self._potential_of(landed)
+            self._landed_potential = self._shaping.potentials(self._reward, landed)
             given = self._shaping.terms(self._potential, self._landed_potential, terminated)
             terms = {name: np.where(taken, term, 0.0) for name, term in given.items()}
             return total(terms), terms, named(reward=terms, potential=self._landed_potential)
@@ -136,7 +132,6 @@ class VectorRuleReward(VectorWrapper):
         else:
             outcome = self._reward.transitions(*(_rows(part, taken) for part in step))
             spread = partial(_spread, mask=taken)
-        self._hear(outcome)
         items = {name: spread(value) for name, value in log_items(outcome).items()}
         terms = {name: items[f"reward_{name}"] for name in outcome.terms}
         return spread(outcome.reward), terms, items
@@ -157,24 +152,13 @@ class VectorRuleReward(VectorWrapper):
     def _remember(self, observations: Observation, landed: Observation = None) -> None:
         if self._shaping is not None:
             same = landed is observations
-            self._potential = self._landed_potential if same else self._potential_of(observations)
+            self._potential = (
+                self._landed_potential
+                if same
+                else self._shaping.potentials(self._reward, observations)
+            )
         # Environments may use one array for all their observations.
         self._observations = copy.deepcopy(observations)
-
-    def _potential_of(self, observations: Observation) -> dict[str, _Reals]:
-        assert self._shaping is not None
-        weight = self._shaping.weight
-        if weight is not None:
-            values = arrays.plain(self._reward.weights_of_many(observations)[weight])
-            self._silent = self._silent and not values.any()
-            return {weight: values}
-        outcome = self._reward.transitions(observations, None, observations)
-        self._hear(outcome)
-        return {name: arrays.plain(value) for name, value in outcome.terms.items()}
-
-    def _hear(self, outcome: BatchOutcome) -> None:
-        if self._silent:
-            self._silent = is_silent(outcome.bounds)
 
 
 def _autoreset_mode(envs: VectorEnv[Any, Any, Any]) -> AutoresetMode:

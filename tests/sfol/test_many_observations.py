@@ -229,6 +229,57 @@ def test_single_numbers_are_of_one_scene_unless_there_are_several(tmp_path):
         assert reward.transition({"h": many}).reward.tolist() == [2.0, 3.0]
 
 
+ROWS = """\
+version: 1
+name: rows
+subject: ego
+background: [Vehicle(ego)]
+predicates:
+  Vehicle(X): X is a vehicle.
+  Fast(X): X is fast.
+  Close(X, Y): X is close to Y.
+rules:
+  fast: fast(X) :- Vehicle(X), Fast(X).
+  close: close(X) :- Vehicle(X), Close(Y, X).
+observation:
+  ego: {key: KEY, fields: [x, v]}
+  all: {key: ALL, fields: [x, v], present: THERE}
+entities:
+  car: {from: all, at_most: 3}
+facts:
+  Fast(ego): above(ego.v, 1, margin=2)
+  Close(C in car, ego): below(abs(C.x - ego.x), 0, margin=2)
+signals:
+  v: {unit: m/s, from: ego.v}
+weights:
+  w: {normalizer: 1, coefficients: {fast: 1.0, close: -0.5}}
+terms:
+  t: {weight: w, formula: v}
+"""
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_an_index_is_of_a_row_and_never_of_a_scene(tmp_path, kind):
+    text = ROWS.replace("KEY", "[cars, 1]").replace("ALL", "cars").replace("THERE", "[there, 2]")
+    (tmp_path / "rows.yaml").write_text(text)
+    reward = sfol.RewardFunction(tmp_path / "rows.yaml")
+    chance = np.random.default_rng(0)
+    scenes = {
+        "cars": chance.normal(0.0, 2.0, (20, 3, 2)),
+        "there": (chance.random((20, 4, 3)) < 0.5).astype(float),
+    }
+    expected = [
+        reward.transition({name: part[i] for name, part in scenes.items()}).reward
+        for i in range(20)
+    ]
+    if kind == "torch":
+        torch = pytest.importorskip("torch")
+        scenes = {name: torch.as_tensor(part) for name, part in scenes.items()}
+    for many in (reward.transition(scenes), reward.transitions(scenes)):
+        assert np.asarray(many.reward) == pytest.approx(expected, abs=1e-9)
+    assert np.ptp(expected) > 0.5
+
+
 def test_signals_may_be_given(reward):
     before, action, after = drawn(1)
     outcome = reward.transition(before, action, after, limit=np.zeros(7), v=0.0)
