@@ -18,7 +18,7 @@ from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.engines.tables import Tables
 from sfol.errors import expect
-from sfol.facts import Bound
+from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Literal
 from sfol.literals.search import WORK_LIMIT, Constants
@@ -250,12 +250,15 @@ class _Prover:
             self._literal(literal, [key for number, key in support if number == index])
             for index, literal in enumerate(plan.body.atom_literals)
         )
-        text = f"{rule.clause}  {bound}"
+        certain = rule.certainty == TRUE
+        weakened = "" if certain else f" with certainty {rule.certainty_entry}"
+        text = f"{rule.clause}  {bound}{weakened}"
         values = {
             "name": rule.name,
             "clause": str(rule.clause),
             "bound": list(bound),
             "substitutions": found,
+            **({} if certain else {"certainty": list(rule.certainty)}),
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
 

@@ -344,6 +344,7 @@ class _Evaluation:
             for axes in dict.fromkeys(rule.axes for rule in typed):
                 same = [rule for rule in typed if rule.axes == axes]
                 bounds = self._pooled(same) if self._pools else self._best(same)
+                bounds = bounds.times(same[0].rule.certainty)
                 disjuncts.setdefault(axes, []).append(self._as_block(bounds, same[0]))
         for axes, found in disjuncts.items():
             asserted = self.blocks.get((head, axes))

@@ -4,7 +4,8 @@ PyReason 3.8 means by a rule something else than a knowledge base does, so a rul
 over as it stands, but as one or several *queries* that mean the same to both:
 
 - Every rule has a private head, since PyReason intersects what several rules conclude; several
-  rules with one head, and strata, are put together here.
+  rules with one head, and strata, are put together here. A rule's certainty is multiplied here,
+  too: PyReason concludes what the body comes to.
 - Every clause has its threshold, since a clause without one means [1, 1]; atoms with upper bound 0
   are left out, since PyReason would let them pass at threshold 0.
 - ``not P(X)`` reads the predicate ``not.P``, whose atoms are asserted with [1 − u, 1 − l], or with
@@ -39,7 +40,7 @@ from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Literal, QueryClause
 from sfol.literals.search import WORK_LIMIT, Constants, Rows
-from sfol.operators import DISJUNCTIONS
+from sfol.operators import DISJUNCTIONS, times
 from sfol.syntax import Atom, is_variable, variables
 
 _IS = "is."
@@ -195,7 +196,9 @@ class PyReasonEngine:
             disjuncts = [] if asserted is None else [asserted]
             # In the order of the file. Several bounds of one rule come from its ground bodies.
             disjuncts += [
-                DISJUNCTIONS["maximum"](by_rule[name]) for name in self._kb.rules if name in by_rule
+                times(DISJUNCTIONS["maximum"](by_rule[name]), rule.certainty)
+                for name, rule in self._kb.rules.items()
+                if name in by_rule
             ]
             yield head, DISJUNCTIONS[self._kb.semantics.disjunction](disjuncts)
 

@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from sfol.clauses import Body, parse_clause, parse_condition
 from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
-from sfol.facts import Bound, Facts
+from sfol.facts import TRUE, Bound, Facts
 from sfol.formula import Formula, can_be_read, check_formula_name
 from sfol.knowledge_base.format import (
     Case,
@@ -161,7 +161,29 @@ class _Checker:
         if clause is None:
             self._reporter.unread.update(_first_name(entry.rule))
             return None
-        return Rule(name, clause, entry.description, entry.threshold, entry.negation_threshold)
+        return Rule(
+            name,
+            clause,
+            entry.description,
+            entry.threshold,
+            entry.negation_threshold,
+            self._certainty(name, entry),
+        )
+
+    def _certainty(self, name: str, entry: RuleEntry) -> Bound:
+        path, given = ("rules", name, "certainty"), entry.certainty
+        pair = given if isinstance(given, tuple) else (given, given)
+        certainty = self._reporter.parsed(
+            path, lambda: Bound.checked(*pair, of=f"the certainty of '{name}'")
+        )
+        if certainty is not None and certainty.upper == 0.0:
+            self._reporter.report(
+                path,
+                f"the certainty of '{name}' is 0: the rule concludes nothing",
+                "certainty",
+                "leave the rule out, or remove it in an overlay",
+            )
+        return certainty or TRUE
 
     def _entity_conditions(self) -> dict[int, EntityCondition]:
         parsed = {

@@ -41,6 +41,10 @@ class _OneOf:
         return core_schema.literal_schema([*self.names])
 
 
+BoundPair = tuple[float, float]
+_Listed = BeforeValidator(lambda pair: tuple(pair) if isinstance(pair, list) else pair)
+
+
 class RuleEntry(_Section):
     """One rule; a plain text stands for a rule without a description."""
 
@@ -51,6 +55,10 @@ class RuleEntry(_Section):
     )
     negation_threshold: float = Field(
         0.5, ge=0, le=1, description="A negated literal's lower bound, 1 − u, must reach this."
+    )
+    certainty: float | Annotated[BoundPair, _Listed] = Field(
+        1.0,
+        description="What the bound of the body is multiplied by: a number, or [lower, upper].",
     )
 
 
@@ -214,10 +222,6 @@ class Grounding(BaseModel):
     margin: float = Field(
         DEFAULT_MARGIN, ge=0, le=1, description="m: a confidence c becomes [c − m c, c + m c]."
     )
-
-
-BoundPair = tuple[float, float]
-_Listed = BeforeValidator(lambda pair: tuple(pair) if isinstance(pair, list) else pair)
 
 
 class Expectation(_Section):

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from sfol.errors import KnowledgeBaseError, did_you_mean
-from sfol.facts import Facts
+from sfol.facts import TRUE, Facts
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
 from sfol.knowledge_base.loading import load
-from sfol.knowledge_base.parts import Parts, Predicate
+from sfol.knowledge_base.parts import Parts, Predicate, Rule
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -112,10 +112,7 @@ class KnowledgeBase(Parts):
         meaning = {
             "subject": self.subject,
             "background": sorted(map(str, self.background)),
-            "rules": {
-                name: [str(rule.clause), rule.threshold, rule.negation_threshold]
-                for name, rule in self.rules.items()
-            },
+            "rules": {name: _meaning_of(rule) for name, rule in self.rules.items()},
             "semantics": [*self.semantics.model_dump().values(), self.semantics.pools],
             "signals": {name: signal.default for name, signal in self.signals.items()},
             "weights": {
@@ -151,7 +148,8 @@ class KnowledgeBase(Parts):
         """Return the PyReason program of a scene, for those who want to go on from it.
 
         All conclusions are among the facts, so that one run suffices: each rule then concludes its
-        own bound, under a head of its own such as ``safe3.8(ego)``.
+        own bound, under a head of its own such as ``safe3.8(ego)``: what its body comes to, which
+        its certainty still multiplies.
 
         Args:
             facts: ground atoms with bounds.
@@ -206,3 +204,9 @@ class KnowledgeBase(Parts):
             f"<KnowledgeBase '{self.name}': {len(self.predicates)} predicates, "
             f"{len(self.rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
         )
+
+
+def _meaning_of(rule: Rule) -> list[Any]:
+    """Return what a rule says, for the digest; what is certain has no certainty there."""
+    certainty = [] if rule.certainty == TRUE else [list(rule.certainty)]
+    return [str(rule.clause), rule.threshold, rule.negation_threshold, *certainty]

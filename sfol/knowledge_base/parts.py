@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from sfol.clauses import Body, Clause
+from sfol.facts import TRUE, Bound
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Sort, Source, Weight
 from sfol.syntax import Atom
@@ -45,6 +46,7 @@ class Rule:
         description: what it says.
         threshold: least lower bound of a positive literal.
         negation_threshold: least lower bound, 1 − u, of a negated literal.
+        certainty: what the bound of the body is multiplied by, lower with lower, upper with upper.
     """
 
     name: str
@@ -52,6 +54,13 @@ class Rule:
     description: str = ""
     threshold: float = 0.0
     negation_threshold: float = 0.5
+    certainty: Bound = TRUE
+
+    @property
+    def certainty_entry(self) -> float | list[float]:
+        """The certainty as a file has it: one number where both ends are the same."""
+        lower, upper = self.certainty
+        return lower if lower == upper else [lower, upper]
 
     def __str__(self) -> str:
         return f"{self.name}: {self.clause}"

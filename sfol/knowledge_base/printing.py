@@ -89,8 +89,9 @@ def _rule(rule: Rule) -> str | dict[str, Any]:
             "description": rule.description,
             "threshold": rule.threshold,
             "negation_threshold": rule.negation_threshold,
+            "certainty": rule.certainty_entry,
         },
-        {"description": "", "threshold": 0.0, "negation_threshold": 0.5},
+        {"description": "", "threshold": 0.0, "negation_threshold": 0.5, "certainty": 1.0},
     )
     return entry if len(entry) > 1 else str(rule.clause)
 

@@ -82,7 +82,10 @@ def _naive_rule(
     if groundings is None:
         groundings = "pooled" if kb.semantics.conjunction == "average" else "best"
     combine = _naive_pooled if groundings == "pooled" else _naive_best
-    return {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+    bounds = {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+    # The certainty of a rule multiplies what its body comes to.
+    lower, upper = rule.certainty
+    return {head: Bound(lower * b.lower, upper * b.upper) for head, b in bounds.items()}
 
 
 def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution]:

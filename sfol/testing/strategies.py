@@ -145,6 +145,7 @@ def _rules(draw: st.DrawFn) -> dict[str, dict[str, Any]]:
             "rule": draw(_clauses(head)),
             "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
             "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
+            "certainty": draw(_mostly(1.0, 0.5, 0.7, (0.0, 0.5), (0.75, 1.0))),
         }
         for number, head in enumerate(heads)
     }

@@ -97,6 +97,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
                 "": str(rule.clause),
                 "threshold": f"{rule.threshold!r}",
                 "negation_threshold": f"{rule.negation_threshold!r}",
+                "certainty": f"{rule.certainty_entry!r}",
             }
             for rule in kb.rules.values()
         },
