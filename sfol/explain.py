@@ -252,13 +252,15 @@ class _Prover:
         )
         certain = rule.certainty == TRUE
         weakened = "" if certain else f" with certainty {rule.certainty_entry}"
-        text = f"{rule.clause}  {bound}{weakened}"
+        part = "" if rule.part_of is None else f", a part of {rule.entry}"
+        text = f"{rule.clause}  {bound}{weakened}{part}"
         values = {
             "name": rule.name,
             "clause": str(rule.clause),
             "bound": list(bound),
             "substitutions": found,
             **({} if certain else {"certainty": list(rule.certainty)}),
+            **({} if rule.part_of is None else {"part_of": rule.entry}),
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
 

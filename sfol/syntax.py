@@ -33,6 +33,7 @@ _TOKEN = re.compile(
     r"|(?P<name>[^\W\d]\w*)"
     rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
 )
+_OR = "write or, in parentheses beside a comma: P(X), (Q(X) or R(X))"
 # What other languages write → what a clause says instead.
 _INSTEAD = {
     "!": "write not P(X)",
@@ -42,10 +43,11 @@ _INSTEAD = {
     "&": "write a comma for and",
     "∧": "write a comma for and",
     "and": "write a comma for and",
-    "|": "write a rule for each, with the same head",
-    ";": "write a rule for each, with the same head",
-    "∨": "write a rule for each, with the same head",
-    "or": "write a rule for each, with the same head",
+    "|": _OR,
+    ";": _OR,
+    "∨": _OR,
+    "or": _OR,
+    "→": "write P(X) implies Q(X)",
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
@@ -232,6 +234,11 @@ class Reader:
         self._tokens = list(_tokenise(text))
         self._position = 0
         self.names: list[tuple[str, int]] = []
+
+    @property
+    def offset(self) -> int:
+        """Where the next token stands."""
+        return self._peek().offset
 
     def at_end(self) -> bool:
         """Tell whether all was read."""

@@ -48,7 +48,9 @@ _Listed = BeforeValidator(lambda pair: tuple(pair) if isinstance(pair, list) els
 class RuleEntry(_Section):
     """One rule; a plain text stands for a rule without a description."""
 
-    rule: str = Field(description="A Horn clause: head(X) :- Body(X), not Other(X), X != Y.")
+    rule: str = Field(
+        description="Such as head(X) :- Body(X), not Other(X), (P(X) or Q(X)), X != Y."
+    )
     description: str = Field("", description="What it says, in one sentence.")
     threshold: float = Field(
         0.0, ge=0, le=1, description="A positive literal's lower bound must reach this."

@@ -31,7 +31,8 @@ class KnowledgeBase(Parts):
         subject: the entity whose heads make the reward.
         background: ground atoms that always hold with [1, 1].
         predicates: by name; heads that only rules introduce are among them.
-        rules: by name, in the order of the file.
+        rules: by name, in the order of the file; in place of one with ``or`` or ``implies`` its
+            parts, called ``safe2.1``, ``safe2.2`` and so on.
         semantics: the operators.
         signals: by name.
         weights: by name.
@@ -82,6 +83,14 @@ class KnowledgeBase(Parts):
     def heads(self) -> tuple[str, ...]:
         """The predicates that rules conclude, each once, in the order of the rules."""
         return tuple(dict.fromkeys(rule.clause.head.predicate for rule in self.rules.values()))
+
+    @property
+    def written_rules(self) -> dict[str, tuple[Rule, ...]]:
+        """The rules by their names in a file; one with ``or`` or ``implies`` has several parts."""
+        found: dict[str, list[Rule]] = {}
+        for rule in self.rules.values():
+            found.setdefault(rule.entry, []).append(rule)
+        return {name: tuple(parts) for name, parts in found.items()}
 
     @property
     def declared(self) -> dict[str, Predicate]:
@@ -202,7 +211,7 @@ class KnowledgeBase(Parts):
     def __repr__(self) -> str:
         return (
             f"<KnowledgeBase '{self.name}': {len(self.predicates)} predicates, "
-            f"{len(self.rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
+            f"{len(self.written_rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
         )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sfol.clauses import Body, Clause
+from sfol.clauses import Body, Clause, WrittenRule
 from sfol.facts import TRUE, Bound
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Sort, Source, Weight
@@ -47,6 +47,8 @@ class Rule:
         threshold: least lower bound of a positive literal.
         negation_threshold: least lower bound, 1 − u, of a negated literal.
         certainty: what the bound of the body is multiplied by, lower with lower, upper with upper.
+        part_of: the rule as it is written, if its body has ``or`` or ``implies``: each way in which
+            that can hold is a rule, a part, called ``safe2.1``, ``safe2.2`` and so on.
     """
 
     name: str
@@ -55,6 +57,17 @@ class Rule:
     threshold: float = 0.0
     negation_threshold: float = 0.5
     certainty: Bound = TRUE
+    part_of: WrittenRule | None = None
+
+    @property
+    def entry(self) -> str:
+        """What the rule as it is written is called: ``safe2`` for ``safe2.1``, a part of it."""
+        return self.name if self.part_of is None else self.name.rpartition(".")[0]
+
+    @property
+    def called(self) -> str:
+        """Its name for messages, and that of the rule as it is written."""
+        return f"'{self.name}'" + ("" if self.part_of is None else f" (a part of '{self.entry}')")
 
     @property
     def certainty_entry(self) -> float | list[float]:

@@ -26,7 +26,10 @@ def summary_table(kb: KnowledgeBase) -> Group:
         _table(
             "Rules",
             ("rule", "clause", "description"),
-            ((r.name, _clause(r), r.description) for r in kb.rules.values()),
+            (
+                (name, _clause(parts[0]), parts[0].description)
+                for name, parts in kb.written_rules.items()
+            ),
         ),
         _table(
             "Weights",
@@ -106,7 +109,7 @@ def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) ->
 
 def _clause(rule: Rule) -> str:
     weakened = "" if rule.certainty == TRUE else f"  certainty {rule.certainty_entry}"
-    return f"{rule.clause}{weakened}"
+    return f"{rule.part_of or rule.clause}{weakened}"
 
 
 def _sum(coefficients: Mapping[str, float]) -> str:

@@ -142,6 +142,11 @@ class Literal(ABC):
             None if no substitution does.
         """
 
+    @classmethod
+    def opposite_of(cls, literal: Literal) -> Literal | None:
+        """Return what says that a literal is not so, if this kind can tell; else None."""
+        return None
+
     def never_holds(self) -> bool:
         """Tell whether it is false under every substitution and in every scene."""
         return False

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
 from typing import cast
 
-from sfol.clauses import parse_clause
+from sfol.clauses import parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
@@ -136,6 +136,7 @@ def printed_rules_are_the_rules(reward: RewardFunction, facts: Facts, random: Ra
     """To print and to parse are each other's inverse, for rules and for facts."""
     for rule in reward.kb.rules.values():
         assert parse_clause(str(rule.clause)) == rule.clause, rule
+        assert rule.part_of is None or parse_rule(str(rule.part_of)) == rule.part_of, rule
     assert Facts.parse(str(facts), margin=facts.margin) == facts
 
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from sfol.clauses import Body, Clause
+from sfol.connectives import AND, IMPLIES, OR, Joined, Tree
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
@@ -134,7 +135,31 @@ def _clauses(draw: st.DrawFn, head: str) -> str:
         if not kind.binds:
             literals += draw(drawn(readable, bound))
     body = Body(tuple(draw(st.permutations(literals))))
-    return f"{Clause(Atom(head, arguments), body)}"
+    choice = draw(_choices(readable, bound))
+    if choice is None:
+        return f"{Clause(Atom(head, arguments), body)}"
+    return f"{Atom(head, arguments)} :- {Joined(AND, (*body.literals, choice))}."
+
+
+@st.composite
+def _choices(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> Joined | None:
+    """Draw what may hold in several ways, though not often."""
+    connective = draw(_mostly(None, OR, IMPLIES))
+    if connective is None:
+        return None
+
+    def side(*, negatable: bool) -> Tree:
+        positive = st.builds(
+            Positive, _patterns(readable, bound), st.just(0.0) if negatable else _mostly(0.0, 0.5)
+        )
+        literals = st.one_of(positive, positive, _patterns(readable, bound).map(Negated))
+        pair = st.tuples(st.sampled_from([AND, OR]), st.tuples(literals, literals))
+        sides: st.SearchStrategy[Tree] = _mostly(literals, pair.map(lambda p: Joined(*p))).flatmap(
+            lambda chosen: chosen
+        )
+        return draw(sides)
+
+    return Joined(connective, (side(negatable=connective == IMPLIES), side(negatable=False)))
 
 
 @st.composite
