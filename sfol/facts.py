@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from sfol.arrays import as_float
 from sfol.errors import FactError, did_you_mean, expect, listed
-from sfol.syntax import Atom, is_name, is_variable, parse_facts
+from sfol.syntax import Atom, is_constant, is_name, parse_facts
 
 DEFAULT_MARGIN = 0.05
 
@@ -316,8 +316,8 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
             raise FactError(
                 f"'{constant}' in {predicate} is not a constant",
                 name=str(constant),
-                suggestion="a constant begins with a lower-case letter and has letters, "
-                "digits and underscores",
+                suggestion="a constant is a text: a name that begins with a lower-case letter, an "
+                "integer, or what sfol.constant(…) makes of any text",
             )
     elsewhere = len(next(iter(relation))) if relation else len(constants)
     if elsewhere != len(constants):
@@ -329,4 +329,4 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
 
 @lru_cache(maxsize=65_536)  # the same few names come at every step
 def _names_an_entity(name: str) -> bool:
-    return is_name(name) and not is_variable(name)
+    return is_constant(name)

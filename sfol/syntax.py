@@ -5,9 +5,11 @@ The grammar, with `?` optional and `*` repeated::
     fact      =  atom (":" bound | ":" number)? "."
     atom      =  name "(" term ("," term)? ")"
     bound     =  "[" number "," number "]"
+    term      =  name | integer | quoted text
 
-An argument that begins with an upper-case letter is a variable, any other a constant. In a body
-``_`` is a variable of its own wherever it stands. ``%`` and ``#`` begin a comment that ends with
+An argument that begins with an upper-case letter is a variable, any other a constant: also an
+integer, and what stands in quotes, ``"Mary"`` or ``'Mary'``. In a body ``_`` is a variable of its
+own wherever it stands. ``%`` and ``#`` begin a comment that ends with
 the line. Rules are read by `sfol.clauses`.
 """
 
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 from sfol.errors import ClauseError, expect, torn_apart
@@ -29,11 +32,13 @@ OPERATORS = (
 
 _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
+    r"|(?P<quoted>\"[^\"\n]*\"|'[^'\n]*')"
     r"|(?P<number>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?)"
     r"|(?P<name>[^\W\d]\w*)"
     rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
 )
 _OR = "write or, in parentheses beside a comma: P(X), (Q(X) or R(X))"
+_QUOTES = 'close the quotes on the same line: "Mary"'
 # What other languages write → what a clause says instead.
 _INSTEAD = {
     "!": "write not P(X)",
@@ -48,6 +53,8 @@ _INSTEAD = {
     "∨": _OR,
     "or": _OR,
     "→": "write P(X) implies Q(X)",
+    '"': _QUOTES,
+    "'": _QUOTES,
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
@@ -56,6 +63,7 @@ _INSTEAD = {
     ">": "a bound is asked of a positive literal: P(X) >= 0.5",
 }
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_INTEGER = re.compile(r"(0|-?[1-9][0-9]{0,17})\Z")
 
 
 class Atom(NamedTuple):
@@ -132,6 +140,46 @@ def is_anonymous(term: str) -> bool:
 def is_name(text: str) -> bool:
     """Tell whether a text can be a predicate or a term: a letter, then letters, digits, _."""
     return bool(_NAME.match(text))
+
+
+def constant(text: str) -> str:
+    """Return the constant that a text names, as clauses and facts have it.
+
+    Args:
+        text: any, such as the name of a person.
+
+    Returns:
+        The text itself if it is an integer, or a name that begins with a lower-case letter;
+        otherwise the text in quotes.
+
+    Raises:
+        ClauseError: it is empty, or has characters that can't be printed, or both kinds of quotes.
+
+    Example:
+        >>> constant("p1"), constant("7"), constant("Mary")
+        ('p1', '7', '"Mary"')
+    """
+    expect(text, str, "a constant", "give the text that it names")
+    if _INTEGER.match(text) or (is_name(text) and not is_variable(text)):
+        return text
+    quote = "'" if '"' in text else '"'
+    if not text or not text.isprintable() or quote in text:
+        raise ClauseError(
+            f"{text!r:.80} can't name a constant",
+            name=text,
+            suggestion="it has characters that can be printed, and one kind of quotes at most",
+        )
+    return f"{quote}{text}{quote}"
+
+
+def is_constant(text: str) -> bool:
+    """Tell whether a text is a constant as clauses and facts have it."""
+    if _INTEGER.match(text) or (is_name(text) and not is_variable(text)):
+        return True
+    quoted = len(text) > 2 and text[0] in "\"'"
+    with suppress(ClauseError):
+        return quoted and constant(text[1:-1]) == text
+    return False
 
 
 def variables(*terms: str) -> tuple[str, ...]:
@@ -267,11 +315,11 @@ class Reader:
 
     def atom(self) -> Atom:
         """Read an atom without anonymous variables."""
-        return self._atom(lambda: self.name("an argument"))
+        return self._atom(self.term)
 
     def pattern(self) -> Atom:
         """Read an atom of a body, which may have anonymous variables."""
-        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.name("an argument"))
+        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.term())
 
     def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
@@ -295,7 +343,7 @@ class Reader:
 
     def _sorted_argument(self, sorts: dict[str, str]) -> str:
         offset = self._peek().offset
-        argument = self.name("an argument")
+        argument = self.term()
         if not is_variable(argument):
             return argument
         if argument in sorts:
@@ -318,7 +366,8 @@ class Reader:
             raise ClauseError(
                 f"the fact {atom} has a variable, '{found[0]}'",
                 name=found[0],
-                suggestion="constants begin with a lower-case letter",
+                suggestion="constants begin with a lower-case letter, or stand in quotes: "
+                f'"{found[0]}"',
                 offset=start,
             )
         return atom
@@ -359,6 +408,31 @@ class Reader:
             )
         self._position += 1
         self.names.append((token.text, token.offset))
+        return token.text
+
+    def term(self, what: str = "an argument") -> str:
+        """Read a variable or a constant; `what` names it in an error."""
+        token = self._peek()
+        if token.kind not in ("number", "quoted"):
+            return self.name(what)
+        try:
+            return self._constant(token)
+        except ClauseError as error:
+            raise ClauseError(
+                error.message, name=error.name, suggestion=error.suggestion, offset=token.offset
+            ) from None
+
+    def _constant(self, token: _Token) -> str:
+        if token.kind == "quoted":
+            self._position += 1
+            return constant(token.text[1:-1])
+        if not _INTEGER.match(token.text):
+            raise ClauseError(
+                f"'{token.text}' can't be a constant",
+                name=token.text,
+                suggestion=f"integers can, as 7 and -7, and what stands in quotes: '{token.text}'",
+            )
+        self._position += 1
         return token.text
 
     def number(self) -> float:

@@ -19,6 +19,9 @@ over as it stands, but as one or several *queries* that mean the same to both:
 - It tells an annotation function which atoms satisfied each clause, not which of them belong
   together; for ``groundings: best`` that function joins them again.
 
+- It splits its texts at commas and blanks, so integers and quoted texts have names of their own
+  there (`sfol.engines.pyreason_names`).
+
 A name with a dot can't be one of the knowledge base's, so none of these are ever confused.
 """
 
@@ -33,6 +36,12 @@ from sfol.engines.compiled import CompiledEngine
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
+from sfol.engines.pyreason_names import (
+    coded_knowledge_base,
+    coded_tables,
+    decoded_atom,
+    decoded_row,
+)
 from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
 from sfol.engines.tables import Tables
 from sfol.errors import KnowledgeBaseError
@@ -74,11 +83,14 @@ class PyReasonEngine:
         self.grounded_for_pyreason = frozenset(
             rule.name for rule in kb.rules.values() if _is_cyclic(rule)
         )
-        self._kb = kb
-        self._levels = _levels(self.program)
+        self._background = kb.background
+        self._kb = coded_knowledge_base(kb)
+        self._levels = [
+            [self._kb.rules[rule.name] for rule in level] for level in _levels(self.program)
+        ]
         self._readers = {
             literal.query(rule).predicate: literal
-            for rule in kb.rules.values()
+            for rule in self._kb.rules.values()
             for literal in rule.clause.body.literals
         }
         self._numbers = {name: number for number, name in enumerate(kb.rules)}
@@ -112,7 +124,8 @@ class PyReasonEngine:
         """Return the PyReason program of a scene; see `KnowledgeBase.to_pyreason`."""
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
 
-        script = self._script(self._kb.rules.values(), self.conclude(facts).tables)
+        tables = coded_tables(self.conclude(facts).tables)
+        script = self._script(self._kb.rules.values(), tables)
         return (
             pyreason_runtime.graph_of(script),
             pyreason_runtime.rules_of(script),
@@ -123,16 +136,18 @@ class PyReasonEngine:
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
 
         self.program.check(facts)
-        tables = Tables.of(facts, self._kb.background)
+        tables = Tables.of(facts, self._background)
+        known = coded_tables(tables)
         derived: dict[Atom, Bound] = {}
         for rules in self._levels:
-            script = self._script(rules, tables)
+            script = self._script(rules, known)
             answer = pyreason_runtime.run(script, trace=trace)
-            rows += answer.trace
-            conclusions = dict(self._conclusions(script, answer.bounds, tables))
-            derived |= conclusions
-            for atom, bound in conclusions.items():
-                tables.put(atom, bound)
+            rows += map(decoded_row, answer.trace)
+            for atom, bound in dict(self._conclusions(script, answer.bounds, known)).items():
+                known.put(atom, bound)
+                derived[decoded_atom(atom)] = bound
+        for atom, bound in derived.items():
+            tables.put(atom, bound)
         return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:

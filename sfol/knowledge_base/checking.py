@@ -35,8 +35,7 @@ from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
-    is_name,
-    is_variable,
+    is_constant,
     parse_ground_atom,
     parse_signature,
     variables,
@@ -132,10 +131,10 @@ class _Checker:
 
     def _check_subject(self) -> None:
         subject = self._file.subject
-        if not is_name(subject) or is_variable(subject):
+        if not is_constant(subject):
             self._reporter.report(
                 ("subject",), f"the subject '{subject}' is not a constant", subject,
-                "a constant begins with a lower-case letter",
+                "a constant begins with a lower-case letter, or stands in quotes: '\"Mary\"'",
             )  # fmt: skip
 
     def _predicates(self) -> dict[str, Predicate]:

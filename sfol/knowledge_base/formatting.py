@@ -22,7 +22,7 @@ _PIECE = re.compile(
     r"(?P<comment>[%#][^\r\n]*)"
     r"|(?P<blank>[ \t]+)"
     r"|(?P<break>\s+)"
-    r"|(?P<word>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
+    r"|(?P<word>\"[^\"\r\n]*\"|'[^'\r\n]*'|[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
     rf"|(?P<mark>{'|'.join(map(re.escape, OPERATORS))}|.)"
 )
 

@@ -158,7 +158,8 @@ class KnowledgeBase(Parts):
 
         All conclusions are among the facts, so that one run suffices: each rule then concludes its
         own bound, under a head of its own such as ``safe3.8(ego)``: what its body comes to, which
-        its certainty still multiplies.
+        its certainty still multiplies. Integers and quoted constants have names of their own, such
+        as ``integer.7`` and ``text.4d617279``.
 
         Args:
             facts: ground atoms with bounds.

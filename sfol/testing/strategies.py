@@ -36,7 +36,7 @@ _PREDICATES = {"Calm": 1, "Near": 2, "Loud": 1, "Sees": 2, "Warm": 1, "knows": 2
 _BASE = 3
 UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
 
-ENTITIES = ("ego", "ada", "bob", "cleo")
+ENTITIES = ("ego", "7", '"Ada B."', "bob")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
 _VARIABLES = ("X", "Y", "Z")
@@ -65,7 +65,7 @@ def bounds() -> st.SearchStrategy[Bound]:
 
 
 def _terms(names: Sequence[str], count: int) -> st.SearchStrategy[tuple[str, ...]]:
-    constants = st.sampled_from([*ENTITIES[:2], _STRANGER])
+    constants = st.sampled_from([*ENTITIES[:3], _STRANGER])
     term = _mostly(st.sampled_from(names), constants).flatmap(lambda chosen: chosen)
     # An atom that names one variable twice is legal and rare.
     apart = st.lists(term, min_size=count, max_size=count, unique=True)
@@ -228,7 +228,7 @@ def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
         "version": 1,
         "name": "drawn",
         "subject": ENTITIES[0],
-        "background": draw(st.sampled_from([[], ["Calm(ego)"], ["Calm(ego)", "Near(ego, ada)"]])),
+        "background": draw(st.sampled_from([[], ["Calm(ego)"], ["Calm(ego)", "Near(ego, 7)"]])),
         "predicates": {
             f"{name}({', '.join(_VARIABLES[:arity])})": ""
             for name, arity in {**_PREDICATES, UNREAD: 1}.items()
