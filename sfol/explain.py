@@ -23,7 +23,7 @@ from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Literal
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.outcome import Outcome
-from sfol.syntax import Atom, is_variable, variables
+from sfol.syntax import Atom, variables
 
 if TYPE_CHECKING:
     import networkx
@@ -206,7 +206,8 @@ class _Prover:
 
     def _head(self, head: str, coefficient: float | None = None) -> Node:
         """Return the node of a head, which a weight names with a coefficient, or a formula."""
-        atom = Atom(head, (self._kb.subject,))
+        of_subject = Atom(head, (self._kb.subject,))  # of a head that an overlay removed, too
+        atom = self._engine.program.subject_heads.get(head, of_subject)
         bound = self._tables.bound(atom)
         values: dict[str, Any] = {"atom": str(atom)}
         times = ""
@@ -321,7 +322,7 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str, limit: int = WORK_LIM
     """Return how near a rule came to concluding its head for the subject.
 
     Args:
-        rule: a rule with a unary head that did not conclude it.
+        rule: a rule that did not conclude its head, which has one argument or none.
         tables: the scene.
         subject: the entity.
         limit: how many known atoms the search of a body may look at.
@@ -330,10 +331,10 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str, limit: int = WORK_LIM
         The nearest miss; the first in the order of the body where several are as near. None if
         the rule's head is about another constant.
     """
-    body, term = rule.clause.body, rule.clause.head.arguments[0]
-    if not is_variable(term) and term != subject:
+    body, head = rule.clause.body, rule.clause.head
+    given = head.matched(Atom(head.predicate, (subject,)[: len(head.arguments)]), {})
+    if given is None:
         return None
-    given = {term: subject} if is_variable(term) else {}
 
     def without(failed: Sequence[Literal]) -> Miss | None:
         kept = Body(tuple(literal for literal in body.literals if literal not in failed))

@@ -3,14 +3,14 @@
 The grammar, with `?` optional and `*` repeated::
 
     fact      =  atom (":" bound | ":" number)? "."
-    atom      =  name "(" term ("," term)? ")"
+    atom      =  name ("(" term ("," term)* ")")?
     bound     =  "[" number "," number "]"
     term      =  name | integer | quoted text
 
 An argument that begins with an upper-case letter is a variable, any other a constant: also an
 integer, and what stands in quotes, ``"Mary"`` or ``'Mary'``. In a body ``_`` is a variable of its
-own wherever it stands. ``%`` and ``#`` begin a comment that ends with
-the line. Rules are read by `sfol.clauses`.
+own wherever it stands. An atom has four arguments at most. ``%`` and ``#`` begin a comment that
+ends with the line. Rules are read by `sfol.clauses`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import NamedTuple
 from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
+MAXIMUM_ARITY = 4
 ANONYMOUS = "_"
 OPERATORS = (
     ":-",
@@ -32,13 +33,14 @@ OPERATORS = (
 
 _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
-    r"|(?P<quoted>\"[^\"\n]*\"|'[^'\n]*')"
     r"|(?P<number>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?)"
     r"|(?P<name>[^\W\d]\w*)"
     rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
+    r"|(?P<quoted>\"[^\"\n]*\"|'[^'\n]*')"
 )
 _OR = "write or, in parentheses beside a comma: P(X), (Q(X) or R(X))"
 _QUOTES = 'close the quotes on the same line: "Mary"'
+_WORDS = ("not", "or", "implies")  # where they stand alone in a body
 # What other languages write → what a clause says instead.
 _INSTEAD = {
     "!": "write not P(X)",
@@ -74,7 +76,7 @@ class Atom(NamedTuple):
 
     def __str__(self) -> str:
         shown = (ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments)
-        return f"{self.predicate}({', '.join(shown)})"
+        return f"{self.predicate}({', '.join(shown)})" if self.arguments else self.predicate
 
     @property
     def is_pattern(self) -> bool:
@@ -91,11 +93,14 @@ class Atom(NamedTuple):
         Args:
             slots: where in the list the value of each term stands.
         """
-        if len(self.arguments) == 1:
-            only = slots[self.arguments[0]]
+        places = [slots[term] for term in self.arguments]
+        if len(places) == 1:  # nearly all have one or two, and are asked for often
+            only = places[0]
             return lambda values: (values[only],)
-        left, right = (slots[term] for term in self.arguments)
-        return lambda values: (values[left], values[right])
+        if len(places) == 2:
+            left, right = places
+            return lambda values: (values[left], values[right])
+        return lambda values: tuple([values[place] for place in places])
 
     def matched(self, target: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
         """Return the substitution, extended so that it turns this atom into the target.
@@ -323,23 +328,40 @@ class Reader:
 
     def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
-        self.expect("(", f"a predicate has one or two arguments: {predicate}(X)")
-        arguments = [argument()]
-        if self.accept(","):
+        if not self.accept("("):
+            return self._proposition(predicate)
+        arguments = [] if self.sees(")") else [argument()]
+        while arguments and self.accept(","):
             arguments.append(argument())
-        self.expect(")", "a predicate has one or two arguments")
+        if not 0 < len(arguments) <= MAXIMUM_ARITY:
+            raise self._of_no_arity(predicate, len(arguments))
+        self.expect(")", f"the arguments of '{predicate}' end there")
         return Atom(predicate, tuple(arguments))
+
+    def _proposition(self, predicate: str) -> Atom:
+        if predicate not in _WORDS:
+            return Atom(predicate, ())
+        raise ClauseError(
+            f"'{predicate}' is no predicate without arguments",
+            name=predicate,
+            suggestion="it is a word of bodies: call the predicate differently",
+            offset=self.names[-1][1],
+        )
+
+    def _of_no_arity(self, predicate: str, count: int) -> ClauseError:
+        if not count:
+            return self._unexpected("an argument", f"without any it is written '{predicate}'")
+        return ClauseError(
+            f"'{predicate}' has more than {MAXIMUM_ARITY} arguments",
+            name=predicate,
+            suggestion="say it with several predicates that share one of them",
+            offset=self.offset,
+        )
 
     def sorted_atom(self) -> tuple[Atom, dict[str, str]]:
         """Read an atom whose variables have sorts, and return these, too."""
-        predicate = self.name("a predicate")
-        self.expect("(", f"a predicate has one or two arguments: {predicate}(X in pedestrian)")
         sorts: dict[str, str] = {}
-        arguments = [self._sorted_argument(sorts)]
-        if self.accept(","):
-            arguments.append(self._sorted_argument(sorts))
-        self.expect(")", "a predicate has one or two arguments")
-        return Atom(predicate, tuple(arguments)), sorts
+        return self._atom(lambda: self._sorted_argument(sorts)), sorts
 
     def _sorted_argument(self, sorts: dict[str, str]) -> str:
         offset = self._peek().offset

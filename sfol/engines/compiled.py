@@ -34,14 +34,24 @@ class CompiledEngine:
 
     def __init__(self, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> None:
         self.program = Program.of(kb, work_limit)
-        self._subject = kb.subject
         self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
-        self._pools = kb.semantics.pools
         self._conjunctions = {
             name: with_certainty(CONJUNCTIONS[kb.semantics.conjunction], rule.certainty)
             for name, rule in kb.rules.items()
         }
+        pools = kb.semantics.pools
+        self._gatherers: dict[str, _Gatherer] = {
+            name: partial(_Pool if pools else _Best, conjunction)
+            for name, conjunction in self._conjunctions.items()
+        }
+        # To try all values of more than two variables takes longer than a search, which has a
+        # limit.
+        self._tried = frozenset(
+            name
+            for name, rule in kb.rules.items()
+            if pools and len(variables(*rule.clause.head.arguments)) <= 2
+        )
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -67,11 +77,11 @@ class CompiledEngine:
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
-        if self._pools and plan.branches:
+        if plan.branches and rule.name in self._tried:
             return dict(self._pooled_bounds(rule, tables))
         gathered: dict[Constants, _Pool | _Best] = {}
         head_of = plan.reader(rule.clause.head)
-        gatherer = self._gatherer(rule)
+        gatherer = self._gatherers[rule.name]
 
         def visit(search: Search) -> None:
             head = head_of(search)
@@ -81,9 +91,6 @@ class CompiledEngine:
 
         plan.search(tables, visit)
         return {head: found.bound() for head, found in gathered.items()}
-
-    def _gatherer(self, rule: Rule) -> _Gatherer:
-        return partial(_Pool if self._pools else _Best, self._conjunctions[rule.name])
 
     def _pooled_bounds(self, rule: Rule, tables: Tables) -> Iterator[tuple[Constants, Bound]]:
         """Yield what `rule_bounds` returns, without a walk through all substitutions."""
@@ -98,10 +105,10 @@ class CompiledEngine:
     def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
         if not self.program.for_subject_alone(head):
             return lambda tables: list(self._all(head, tables))
-        atom = Atom(head, (self._subject,))
+        atom = self.program.subject_heads[head]
         plans = [
-            (plan, given, self._gatherer(rule))
-            for rule, plan, given in self.program.plans(head, self._subject)
+            (plan, given, self._gatherers[rule.name])
+            for rule, plan, given in self.program.plans(head)
         ]
         return lambda tables: self._subjects(atom, plans, tables)
 
@@ -133,7 +140,7 @@ class CompiledEngine:
         for head in self.program.strata:
             if self.program.for_subject_alone(head):
                 for atom, bound in self._all(head, tables):
-                    if atom.arguments != (self._subject,):
+                    if atom != self.program.subject_heads[head]:
                         yield atom, bound
 
     def _either(self, atom: Atom, disjuncts: list[Bound], tables: Tables) -> Bound:

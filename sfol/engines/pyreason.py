@@ -382,6 +382,15 @@ def _domain(kb: KnowledgeBase, tables: Tables) -> Constants:
 
 
 def _check_names(kb: KnowledgeBase) -> None:
+    for name in sorted(kb.read.union(kb.heads)):
+        arity = kb.predicates[name].arity
+        if arity not in (1, 2):
+            raise KnowledgeBaseError(
+                f"PyReason can't express the predicate '{name}' with {arity} arguments: its atoms "
+                "are of one node or of one edge",
+                name=name,
+                suggestion="use engine='compiled'",
+            )
     for name in kb.predicates:
         if name.endswith(_RESERVED):
             raise KnowledgeBaseError(

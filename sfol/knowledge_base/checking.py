@@ -222,7 +222,7 @@ class _Checker:
         return tuple(atoms)
 
     def _terms(self, rules: Mapping[str, Rule]) -> dict[str, RewardTerm]:
-        heads = self._heads_with(rules, 1)
+        heads = self._subject_heads(rules)
         return {
             name: term
             for name, entry in self._file.terms.items()
@@ -333,12 +333,11 @@ class _Checker:
         if predicate is None:
             self._reporter.unknown(path, "predicate", atom.predicate, predicates, offset)
         elif predicate.arity != len(atom.arguments):
-            shown = f"{predicate.name}({', '.join(predicate.parameters)})"
             self._reporter.report(
                 path,
                 f"'{atom.predicate}' has {len(atom.arguments)} arguments here",
                 atom.predicate,
-                f"it is declared as {shown}",
+                f"it is declared as {predicate.signature}",
                 offset=offset,
             )
 
@@ -403,21 +402,25 @@ class _Checker:
                 )
 
     def _check_weights(self, rules: Mapping[str, Rule]) -> None:
-        unary, binary = self._heads_with(rules, 1), self._heads_with(rules, 2)
+        known = self._subject_heads(rules)
+        arities = {r.clause.head.predicate: len(r.clause.head.arguments) for r in rules.values()}
         for name, weight in self._file.weights.items():
             for head in weight.coefficients:
                 path = ("weights", name, "coefficients", head)
-                if head not in unary and head in binary:
-                    self._reporter.report(path, f"the head '{head}' has two arguments", head,
-                                 "a weight is made of heads with one, the subject")  # fmt: skip
-                elif head not in unary:
-                    self._reporter.unknown(path, "head", head, unary)
+                if head in arities and head not in known:
+                    self._reporter.report(
+                        path,
+                        f"the head '{head}' has {arities[head]} arguments",
+                        head,
+                        "a weight is made of heads with one, the subject, or none",
+                    )
+                elif head not in known:
+                    self._reporter.unknown(path, "head", head, known)
 
-    def _heads_with(self, rules: Mapping[str, Rule], arity: int) -> frozenset[str]:
-        """Return the heads of so many arguments; what an overlay removed may have had one."""
+    def _subject_heads(self, rules: Mapping[str, Rule]) -> frozenset[str]:
+        """Return the heads of one argument or none; what an overlay removed may have been one."""
         heads = (rule.clause.head for rule in rules.values())
-        found = {head.predicate for head in heads if len(head.arguments) == arity}
-        return self._removed_heads.union(found) if arity == 1 else frozenset(found)
+        return self._removed_heads.union(h.predicate for h in heads if len(h.arguments) <= 1)
 
     def _check_observed(self, path: Path, case: Case) -> None:
         """Check what a test observes; whether it has the parts that are read, its run shows."""
@@ -453,7 +456,7 @@ class _Checker:
             for atom in self._reporter.parsed(where, Facts.parse, text) or ():
                 self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
         expect = case.expect
-        heads = {n for n, p in predicates.items() if p.arity == 1 and n in self._heads}
+        heads = {n for n, p in predicates.items() if p.arity <= 1 and n in self._heads}
         known = (
             ("signal", case.signals, self._file.signals, ("signals",)),
             ("head", expect.bounds, heads | self._removed_heads, ("expect", "bounds")),

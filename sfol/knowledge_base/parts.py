@@ -19,7 +19,7 @@ class Predicate:
 
     Attributes:
         name: such as ``CenterOf``.
-        parameters: one or two variables, such as ``("X", "Y")``.
+        parameters: four variables at most, such as ``("X", "Y")``.
         description: what an atom of it says.
         declared: whether the file declares it; otherwise it is written like the head of its first
             rule and described like that rule.
@@ -32,8 +32,13 @@ class Predicate:
 
     @property
     def arity(self) -> int:
-        """The number of arguments, 1 or 2."""
+        """The number of arguments, from 0 to 4."""
         return len(self.parameters)
+
+    @property
+    def signature(self) -> str:
+        """The predicate with its parameters, as a file declares it."""
+        return str(Atom(self.name, self.parameters))
 
 
 @dataclass(frozen=True)

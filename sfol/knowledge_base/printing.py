@@ -40,9 +40,7 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "description": kb.description,
         "subject": kb.subject,
         "background": [str(atom) for atom in kb.background],
-        "predicates": {
-            f"{p.name}({', '.join(p.parameters)})": p.description for p in _declared(kb)
-        },
+        "predicates": {p.signature: p.description for p in _declared(kb)},
         "rules": dict(_rules(kb)),
         "semantics": kb.semantics.model_dump(exclude_none=True),
         "observation": {name: _said(source) for name, source in kb.observation.items()},

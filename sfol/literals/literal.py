@@ -58,7 +58,7 @@ class QueryClause(NamedTuple):
 
     Attributes:
         predicate: as PyReason knows it.
-        terms: variables and constants, one or two.
+        terms: variables and constants, one or two: PyReason has no more.
         threshold: the least lower bound.
         counts: whether its bounds take part in the conjunction.
         symmetric: whether its terms may change places.

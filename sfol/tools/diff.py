@@ -88,10 +88,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
     return {
         "subject": {"": {"": kb.subject}},
         "background": {str(atom): {} for atom in kb.background},
-        "predicates": {
-            f"{p.name}({', '.join(p.parameters)})": {"": p.description}
-            for p in kb.declared.values()
-        },
+        "predicates": {p.signature: {"": p.description} for p in kb.declared.values()},
         "rules": {name: _rule(parts) for name, parts in kb.written_rules.items()},
         "semantics": {
             "": {
