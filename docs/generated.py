@@ -21,6 +21,7 @@ from typer.cli import get_docs_for_click
 
 import sfol.arithmetic
 import sfol.clauses
+import sfol.connectives
 import sfol.errors
 import sfol.formula
 import sfol.knowledge_base.observing
@@ -179,7 +180,8 @@ def limits() -> str:
         ("digits of a number", f"{sfol.strict_yaml.MAXIMUM_DIGITS}", ""),
         ("errors that are shown of a file", f"{sfol.errors.MAXIMUM_ERRORS}", ""),
         ("characters of a clause or of facts", f"{sfol.syntax.MAXIMUM_TEXT:,}", ""),
-        ("literals of a body", f"{sfol.clauses.MAXIMUM_LITERALS}", ""),
+        ("literals of a body, and ways in which it can hold",
+         f"{sfol.clauses.MAXIMUM_LITERALS} and {sfol.connectives.MAXIMUM_WAYS}", ""),
         ("characters and levels of a formula",
          f"{sfol.formula.MAXIMUM_LENGTH:,} and {sfol.formula.MAXIMUM_DEPTH}", ""),
         ("known atoms that the search of a rule looks at",

@@ -14,8 +14,17 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
-from sfol.syntax import Atom
+from sfol.syntax import Atom, constant
 
 __version__ = "0.1.0"
 
-__all__ = ["Atom", "Bound", "Facts", "KnowledgeBase", "Outcome", "RewardFunction", "errors"]
+__all__ = [
+    "Atom",
+    "Bound",
+    "Facts",
+    "KnowledgeBase",
+    "Outcome",
+    "RewardFunction",
+    "constant",
+    "errors",
+]

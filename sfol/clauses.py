@@ -4,25 +4,28 @@ The grammar, with `?` optional and `*` repeated; atoms and terms are those of `s
 
     rule      =  atom ":-" body "."
     condition =  body
-    body      =  literal ("," literal)*
+    body      =  unit ("," unit)* | unit ("or" unit)* | unit "implies" unit
+    unit      =  literal | "(" body ")"
     literal   =  pattern (">=" number)? | "not" pattern | term "!=" term
     pattern   =  atom, any of whose arguments may be "_"
 
-Each kind of literal is a class of `sfol.literals`, and reads itself.
+Each kind of literal is a class of `sfol.literals`, and reads itself. A rule whose body has ``or``
+or ``implies`` stands for several clauses, one for each way in which the body can hold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import count
 
+from sfol.connectives import AND, IMPLIES, OR, Joined, Tree, opposite, ways
 from sfol.errors import ClauseError
 from sfol.literals import KINDS, AtomLiteral, Literal
 from sfol.syntax import ANONYMOUS, Atom, Reader, variables
 
 MAXIMUM_LITERALS = 64
+MAXIMUM_DEPTH = 16
 
 
 @dataclass(frozen=True)
@@ -82,11 +85,29 @@ class Clause:
         return f"{self.head} :- {self.body}."
 
 
-def parse_clause(text: str) -> Clause:
+@dataclass(frozen=True)
+class WrittenRule:
+    """A rule as it is written.
+
+    Attributes:
+        head: of every clause.
+        body: with its connectives.
+        clauses: what it stands for: one, or one for each way in which the body can hold.
+    """
+
+    head: Atom
+    body: Tree
+    clauses: tuple[Clause, ...]
+
+    def __str__(self) -> str:
+        return f"{self.head} :- {self.body}."
+
+
+def parse_rule(text: str) -> WrittenRule:
     """Parse one rule.
 
     Args:
-        text: such as ``safe2(X) :- Vehicle(X), Pedestrian(P), OnCrosswalk(P).``
+        text: such as ``safe2(X) :- Vehicle(X), (OnRoad(P) or OnCrosswalk(P)).``
 
     Raises:
         ClauseError: with the offset of what is wrong.
@@ -97,11 +118,26 @@ def parse_clause(text: str) -> Clause:
     body = _body(reader)
     reader.expect(".", "a rule ends with a full stop")
     reader.end()
-    return Clause(head, body)
+    return WrittenRule(head, body, tuple(Clause(head, way) for way in _ways(body, reader)))
 
 
-def parse_condition(text: str) -> Body:
+def parse_clause(text: str) -> Clause:
+    """Parse a rule that is a single clause: its body has neither ``or`` nor ``implies``.
+
+    Raises:
+        ClauseError: see `parse_rule`; or it stands for several clauses.
+    """
+    clause, *others = parse_rule(text).clauses
+    if others:
+        raise _several(len(others) + 1)
+    return clause
+
+
+def parse_conditions(text: str) -> tuple[Body, ...]:
     """Parse the body of a rule alone, such as ``Pedestrian(X), OnRoad(X)``.
+
+    Returns:
+        One body for each way in which it can hold.
 
     Raises:
         ClauseError: with the offset of what is wrong.
@@ -109,23 +145,98 @@ def parse_condition(text: str) -> Body:
     reader = Reader(text)
     body = _body(reader)
     reader.end()
+    return _ways(body, reader)
+
+
+def parse_condition(text: str) -> Body:
+    """Parse a body that has neither ``or`` nor ``implies``.
+
+    Raises:
+        ClauseError: see `parse_conditions`; or it can hold in several ways.
+    """
+    body, *others = parse_conditions(text)
+    if others:
+        raise _several(len(others) + 1)
     return body
 
 
-def _body(reader: Reader) -> Body:
-    return Body(tuple(_literals(reader)), tuple(reader.names))
+def _several(count: int) -> ClauseError:
+    return ClauseError(f"this stands for {count} clauses", suggestion="give each of them alone")
 
 
-def _literals(reader: Reader) -> Iterator[Literal]:
-    yield _literal(reader)
-    for _ in range(MAXIMUM_LITERALS):
-        if not reader.accept(","):
-            return
-        yield _literal(reader)
-    raise ClauseError(
+def _ways(body: Tree, reader: Reader) -> tuple[Body, ...]:
+    found = ways(body)
+    if any(len(way) > MAXIMUM_LITERALS for way in found):
+        raise _too_long()
+    return tuple(Body(way, tuple(reader.names)) for way in found)
+
+
+def _too_long() -> ClauseError:
+    return ClauseError(
         f"the body has more than {MAXIMUM_LITERALS} literals",
         suggestion="split it: let a rule conclude what some of them say together",
     )
+
+
+def _body(reader: Reader, depth: int = 0) -> Tree:
+    start = reader.offset
+    parts = [_unit(reader, depth)]
+    connective = next((word for word in (AND, OR, IMPLIES) if reader.sees(word)), "")
+    while connective and reader.accept(connective):
+        if connective == IMPLIES:
+            _check_condition(parts[0], start)
+        parts.append(_unit(reader, depth))
+        if len(parts) > MAXIMUM_LITERALS:
+            raise _too_long()
+        if connective == IMPLIES:
+            break
+    _check_connective(reader, connective)
+    return parts[0] if len(parts) == 1 else Joined(connective, tuple(parts))
+
+
+def _unit(reader: Reader, depth: int) -> Tree:
+    offset = reader.offset
+    for word in (OR, IMPLIES):
+        if reader.sees(word) and not reader.sees("(", ahead=1):
+            raise ClauseError(
+                f"'{word}' has nothing to its left",
+                name=word,
+                suggestion=f"it joins two parts of a body: P(X) {word} Q(X)",
+                offset=offset,
+            )
+    if not reader.accept("("):
+        return _literal(reader)
+    if depth == MAXIMUM_DEPTH:
+        raise ClauseError(
+            f"parentheses stand in each other more than {MAXIMUM_DEPTH} deep",
+            suggestion="let a rule of its own conclude what stands in some of them",
+            offset=offset,
+        )
+    body = _body(reader, depth + 1)
+    reader.expect(")", "a parenthesis is open")
+    return body
+
+
+def _check_condition(condition: Tree, offset: int) -> None:
+    """Make sure that what stands to the left of ``implies`` has an opposite."""
+    try:
+        opposite(condition)
+    except ClauseError as error:
+        raise ClauseError(
+            error.message, name=error.name, suggestion=error.suggestion, offset=offset
+        ) from None
+
+
+def _check_connective(reader: Reader, before: str) -> None:
+    """Make sure that no connective stands beside another one."""
+    for word in (AND, OR, IMPLIES):
+        if before and reader.sees(word):
+            raise ClauseError(
+                f"'{word}' stands beside '{before}': which of them joins first?",
+                name=word,
+                suggestion="put one of them in parentheses: P(X), (Q(X) or R(X))",
+                offset=reader.offset,
+            )
 
 
 def _literal(reader: Reader) -> Literal:

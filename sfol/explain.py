@@ -18,12 +18,12 @@ from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.engines.tables import Tables
 from sfol.errors import expect
-from sfol.facts import Bound
+from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Literal
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.outcome import Outcome
-from sfol.syntax import Atom, is_variable, variables
+from sfol.syntax import Atom, variables
 
 if TYPE_CHECKING:
     import networkx
@@ -206,7 +206,8 @@ class _Prover:
 
     def _head(self, head: str, coefficient: float | None = None) -> Node:
         """Return the node of a head, which a weight names with a coefficient, or a formula."""
-        atom = Atom(head, (self._kb.subject,))
+        of_subject = Atom(head, (self._kb.subject,))  # of a head that an overlay removed, too
+        atom = self._engine.program.subject_heads.get(head, of_subject)
         bound = self._tables.bound(atom)
         values: dict[str, Any] = {"atom": str(atom)}
         times = ""
@@ -250,12 +251,17 @@ class _Prover:
             self._literal(literal, [key for number, key in support if number == index])
             for index, literal in enumerate(plan.body.atom_literals)
         )
-        text = f"{rule.clause}  {bound}"
+        certain = rule.certainty == TRUE
+        weakened = "" if certain else f" with certainty {rule.certainty_entry}"
+        part = "" if rule.part_of is None else f", a part of {rule.entry}"
+        text = f"{rule.clause}  {bound}{weakened}{part}"
         values = {
             "name": rule.name,
             "clause": str(rule.clause),
             "bound": list(bound),
             "substitutions": found,
+            **({} if certain else {"certainty": list(rule.certainty)}),
+            **({} if rule.part_of is None else {"part_of": rule.entry}),
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
 
@@ -316,7 +322,7 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str, limit: int = WORK_LIM
     """Return how near a rule came to concluding its head for the subject.
 
     Args:
-        rule: a rule with a unary head that did not conclude it.
+        rule: a rule that did not conclude its head, which has one argument or none.
         tables: the scene.
         subject: the entity.
         limit: how many known atoms the search of a body may look at.
@@ -325,10 +331,10 @@ def nearest_miss(rule: Rule, tables: Tables, subject: str, limit: int = WORK_LIM
         The nearest miss; the first in the order of the body where several are as near. None if
         the rule's head is about another constant.
     """
-    body, term = rule.clause.body, rule.clause.head.arguments[0]
-    if not is_variable(term) and term != subject:
+    body, head = rule.clause.body, rule.clause.head
+    given = head.matched(Atom(head.predicate, (subject,)[: len(head.arguments)]), {})
+    if given is None:
         return None
-    given = {term: subject} if is_variable(term) else {}
 
     def without(failed: Sequence[Literal]) -> Miss | None:
         kept = Body(tuple(literal for literal in body.literals if literal not in failed))

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from sfol.arrays import as_float
 from sfol.errors import FactError, did_you_mean, expect, listed
-from sfol.syntax import Atom, is_name, is_variable, parse_facts
+from sfol.syntax import MAXIMUM_ARITY, Atom, is_constant, is_name, parse_facts
 
 DEFAULT_MARGIN = 0.0
 
@@ -148,7 +148,7 @@ class Facts:
 
         Args:
             predicate: its name.
-            constants: one or two names of entities.
+            constants: the names of entities, four at most.
             confidence: τ̂ in [0, 1]; the margin makes it a bound.
             bound: (lower, upper), instead of a confidence.
             merge: what to do if the atom is known with another bound; None is an error.
@@ -255,7 +255,7 @@ class Facts:
             lower, upper = bound  # of Python's own type in nearly all calls: spare the text below
             if type(lower) is type(upper) is float and 0.0 <= lower <= upper <= 1.0:
                 return bound
-        atom = f"{predicate}({', '.join(map(str, constants))})"
+        atom = f"{predicate}({', '.join(map(str, constants))})" if constants else predicate
         if bound is None:
             assert confidence is not None
             return Bound.around(confidence, self.margin, atom)
@@ -301,11 +301,11 @@ def _check_new(predicate: str, constants: tuple[str, ...]) -> None:
     """Check the first atom of a predicate."""
     if not isinstance(predicate, str) or not is_name(predicate):
         raise FactError(f"'{predicate}' is not a predicate", name=predicate)
-    if len(constants) not in (1, 2):
+    if len(constants) > MAXIMUM_ARITY:
         raise FactError(
             f"'{predicate}' has {len(constants)} constants",
             name=predicate,
-            suggestion="an atom has one or two",
+            suggestion=f"an atom has {MAXIMUM_ARITY} at most",
         )
     _check_atom(predicate, constants, {})
 
@@ -316,8 +316,8 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
             raise FactError(
                 f"'{constant}' in {predicate} is not a constant",
                 name=str(constant),
-                suggestion="a constant begins with a lower-case letter and has letters, "
-                "digits and underscores",
+                suggestion="a constant is a text: a name that begins with a lower-case letter, an "
+                "integer, or what sfol.constant(…) makes of any text",
             )
     elsewhere = len(next(iter(relation))) if relation else len(constants)
     if elsewhere != len(constants):
@@ -329,4 +329,4 @@ def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) 
 
 @lru_cache(maxsize=65_536)  # the same few names come at every step
 def _names_an_entity(name: str) -> bool:
-    return is_name(name) and not is_variable(name)
+    return is_constant(name)

@@ -173,7 +173,7 @@ class Formula:
             )
         for name in sorted(self.names - set(known)):
             raise FormulaError(
-                f"the formula reads '{name}', which is no signal, parameter or unary head",
+                f"the formula reads '{name}', which is no signal, parameter or head of the subject",
                 name=name,
                 suggestion=f"read a signal of yours that is observed from: {name}"
                 if "." in name

@@ -15,7 +15,7 @@ from typing import Any
 
 from sfol import arrays
 from sfol.arrays import Array
-from sfol.facts import Bound
+from sfol.facts import TRUE, Bound
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,27 @@ def least(threshold: float, tolerance: float = TOLERANCE) -> float:
         tolerance: the share of it that rounding may take away.
     """
     return threshold * (1.0 - tolerance)
+
+
+def times(bound: Bound, certainty: Bound) -> Bound:
+    """Return [l·c_l, u·c_u], the bound of what follows with a certainty from what has a bound.
+
+    Source: the implication of annotated logic programs whose annotations are multiplied, as the
+    attenuation of M. H. van Emden, "Quantitative deduction and its fixpoint theory", 1986.
+    """
+    return Bound(bound.lower * certainty.lower, bound.upper * certainty.upper)
+
+
+def with_certainty(conjunction: Operator, certainty: Bound) -> Callable[[Iterable[Bound]], Bound]:
+    """Return what makes the bound of a rule of those of its literals.
+
+    Args:
+        conjunction: combines these.
+        certainty: the rule's own; [1, 1] leaves the conjunction as it is.
+    """
+    if certainty == TRUE:
+        return conjunction
+    return lambda bounds: times(conjunction(bounds), certainty)
 
 
 def negation(bound: Bound) -> Bound:

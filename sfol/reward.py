@@ -40,7 +40,7 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.syntax import Atom, is_name, is_variable
+from sfol.syntax import is_name, is_variable
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
@@ -191,9 +191,7 @@ class RewardFunction:
         self.parameters = NumberGroups(
             {name: term.parameters for name, term in self.kb.terms.items()}, "term"
         )
-        self._head_atoms = [
-            (head, Atom(head, (self.kb.subject,))) for head in self._engine.program.subject_heads
-        ]
+        self._head_atoms = [*self._engine.program.subject_heads.items()]
         self._confidence = CONFIDENCES[self.kb.semantics.confidence]
         self._conditions = [
             (

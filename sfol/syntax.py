@@ -3,23 +3,27 @@
 The grammar, with `?` optional and `*` repeated::
 
     fact      =  atom (":" bound | ":" number)? "."
-    atom      =  name "(" term ("," term)? ")"
+    atom      =  name ("(" term ("," term)* ")")?
     bound     =  "[" number "," number "]"
+    term      =  name | integer | quoted text
 
-An argument that begins with an upper-case letter is a variable, any other a constant. In a body
-``_`` is a variable of its own wherever it stands. ``%`` and ``#`` begin a comment that ends with
-the line. Rules are read by `sfol.clauses`.
+An argument that begins with an upper-case letter is a variable, any other a constant: also an
+integer, and what stands in quotes, ``"Mary"`` or ``'Mary'``. In a body ``_`` is a variable of its
+own wherever it stands. An atom has four arguments at most. ``%`` and ``#`` begin a comment that
+ends with the line. Rules are read by `sfol.clauses`.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 from sfol.errors import ClauseError, expect, torn_apart
 
 MAXIMUM_TEXT = 100_000
+MAXIMUM_ARITY = 4
 ANONYMOUS = "_"
 OPERATORS = (
     ":-",
@@ -32,7 +36,11 @@ _TOKEN = re.compile(
     r"|(?P<number>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?)"
     r"|(?P<name>[^\W\d]\w*)"
     rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
+    r"|(?P<quoted>\"[^\"\n]*\"|'[^'\n]*')"
 )
+_OR = "write or, in parentheses beside a comma: P(X), (Q(X) or R(X))"
+_QUOTES = 'close the quotes on the same line: "Mary"'
+_WORDS = ("not", "or", "implies")  # where they stand alone in a body
 # What other languages write → what a clause says instead.
 _INSTEAD = {
     "!": "write not P(X)",
@@ -42,10 +50,13 @@ _INSTEAD = {
     "&": "write a comma for and",
     "∧": "write a comma for and",
     "and": "write a comma for and",
-    "|": "write a rule for each, with the same head",
-    ";": "write a rule for each, with the same head",
-    "∨": "write a rule for each, with the same head",
-    "or": "write a rule for each, with the same head",
+    "|": _OR,
+    ";": _OR,
+    "∨": _OR,
+    "or": _OR,
+    "→": "write P(X) implies Q(X)",
+    '"': _QUOTES,
+    "'": _QUOTES,
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
@@ -54,6 +65,7 @@ _INSTEAD = {
     ">": "a bound is asked of a positive literal: P(X) >= 0.5",
 }
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_INTEGER = re.compile(r"(0|-?[1-9][0-9]{0,17})\Z")
 
 
 class Atom(NamedTuple):
@@ -64,7 +76,7 @@ class Atom(NamedTuple):
 
     def __str__(self) -> str:
         shown = (ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments)
-        return f"{self.predicate}({', '.join(shown)})"
+        return f"{self.predicate}({', '.join(shown)})" if self.arguments else self.predicate
 
     @property
     def is_pattern(self) -> bool:
@@ -81,11 +93,14 @@ class Atom(NamedTuple):
         Args:
             slots: where in the list the value of each term stands.
         """
-        if len(self.arguments) == 1:
-            only = slots[self.arguments[0]]
+        places = [slots[term] for term in self.arguments]
+        if len(places) == 1:  # nearly all have one or two, and are asked for often
+            only = places[0]
             return lambda values: (values[only],)
-        left, right = (slots[term] for term in self.arguments)
-        return lambda values: (values[left], values[right])
+        if len(places) == 2:
+            left, right = places
+            return lambda values: (values[left], values[right])
+        return lambda values: tuple([values[place] for place in places])
 
     def matched(self, target: Atom, values: Mapping[str, str]) -> dict[str, str] | None:
         """Return the substitution, extended so that it turns this atom into the target.
@@ -130,6 +145,46 @@ def is_anonymous(term: str) -> bool:
 def is_name(text: str) -> bool:
     """Tell whether a text can be a predicate or a term: a letter, then letters, digits, _."""
     return bool(_NAME.match(text))
+
+
+def constant(text: str) -> str:
+    """Return the constant that a text names, as clauses and facts have it.
+
+    Args:
+        text: any, such as the name of a person.
+
+    Returns:
+        The text itself if it is an integer, or a name that begins with a lower-case letter;
+        otherwise the text in quotes.
+
+    Raises:
+        ClauseError: it is empty, or has characters that can't be printed, or both kinds of quotes.
+
+    Example:
+        >>> constant("p1"), constant("7"), constant("Mary")
+        ('p1', '7', '"Mary"')
+    """
+    expect(text, str, "a constant", "give the text that it names")
+    if _INTEGER.match(text) or (is_name(text) and not is_variable(text)):
+        return text
+    quote = "'" if '"' in text else '"'
+    if not text or not text.isprintable() or quote in text:
+        raise ClauseError(
+            f"{text!r:.80} can't name a constant",
+            name=text,
+            suggestion="it has characters that can be printed, and one kind of quotes at most",
+        )
+    return f"{quote}{text}{quote}"
+
+
+def is_constant(text: str) -> bool:
+    """Tell whether a text is a constant as clauses and facts have it."""
+    if _INTEGER.match(text) or (is_name(text) and not is_variable(text)):
+        return True
+    quoted = len(text) > 2 and text[0] in "\"'"
+    with suppress(ClauseError):
+        return quoted and constant(text[1:-1]) == text
+    return False
 
 
 def variables(*terms: str) -> tuple[str, ...]:
@@ -233,6 +288,11 @@ class Reader:
         self._position = 0
         self.names: list[tuple[str, int]] = []
 
+    @property
+    def offset(self) -> int:
+        """Where the next token stands."""
+        return self._peek().offset
+
     def at_end(self) -> bool:
         """Tell whether all was read."""
         return self._peek().kind == "end"
@@ -260,35 +320,52 @@ class Reader:
 
     def atom(self) -> Atom:
         """Read an atom without anonymous variables."""
-        return self._atom(lambda: self.name("an argument"))
+        return self._atom(self.term)
 
     def pattern(self) -> Atom:
         """Read an atom of a body, which may have anonymous variables."""
-        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.name("an argument"))
+        return self._atom(lambda: ANONYMOUS if self.accept(ANONYMOUS) else self.term())
 
     def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
-        self.expect("(", f"a predicate has one or two arguments: {predicate}(X)")
-        arguments = [argument()]
-        if self.accept(","):
+        if not self.accept("("):
+            return self._proposition(predicate)
+        arguments = [] if self.sees(")") else [argument()]
+        while arguments and self.accept(","):
             arguments.append(argument())
-        self.expect(")", "a predicate has one or two arguments")
+        if not 0 < len(arguments) <= MAXIMUM_ARITY:
+            raise self._of_no_arity(predicate, len(arguments))
+        self.expect(")", f"the arguments of '{predicate}' end there")
         return Atom(predicate, tuple(arguments))
+
+    def _proposition(self, predicate: str) -> Atom:
+        if predicate not in _WORDS:
+            return Atom(predicate, ())
+        raise ClauseError(
+            f"'{predicate}' is no predicate without arguments",
+            name=predicate,
+            suggestion="it is a word of bodies: call the predicate differently",
+            offset=self.names[-1][1],
+        )
+
+    def _of_no_arity(self, predicate: str, count: int) -> ClauseError:
+        if not count:
+            return self._unexpected("an argument", f"without any it is written '{predicate}'")
+        return ClauseError(
+            f"'{predicate}' has more than {MAXIMUM_ARITY} arguments",
+            name=predicate,
+            suggestion="say it with several predicates that share one of them",
+            offset=self.offset,
+        )
 
     def sorted_atom(self) -> tuple[Atom, dict[str, str]]:
         """Read an atom whose variables have sorts, and return these, too."""
-        predicate = self.name("a predicate")
-        self.expect("(", f"a predicate has one or two arguments: {predicate}(X in pedestrian)")
         sorts: dict[str, str] = {}
-        arguments = [self._sorted_argument(sorts)]
-        if self.accept(","):
-            arguments.append(self._sorted_argument(sorts))
-        self.expect(")", "a predicate has one or two arguments")
-        return Atom(predicate, tuple(arguments)), sorts
+        return self._atom(lambda: self._sorted_argument(sorts)), sorts
 
     def _sorted_argument(self, sorts: dict[str, str]) -> str:
         offset = self._peek().offset
-        argument = self.name("an argument")
+        argument = self.term()
         if not is_variable(argument):
             return argument
         if argument in sorts:
@@ -311,7 +388,8 @@ class Reader:
             raise ClauseError(
                 f"the fact {atom} has a variable, '{found[0]}'",
                 name=found[0],
-                suggestion="constants begin with a lower-case letter",
+                suggestion="constants begin with a lower-case letter, or stand in quotes: "
+                f'"{found[0]}"',
                 offset=start,
             )
         return atom
@@ -352,6 +430,31 @@ class Reader:
             )
         self._position += 1
         self.names.append((token.text, token.offset))
+        return token.text
+
+    def term(self, what: str = "an argument") -> str:
+        """Read a variable or a constant; `what` names it in an error."""
+        token = self._peek()
+        if token.kind not in ("number", "quoted"):
+            return self.name(what)
+        try:
+            return self._constant(token)
+        except ClauseError as error:
+            raise ClauseError(
+                error.message, name=error.name, suggestion=error.suggestion, offset=token.offset
+            ) from None
+
+    def _constant(self, token: _Token) -> str:
+        if token.kind == "quoted":
+            self._position += 1
+            return constant(token.text[1:-1])
+        if not _INTEGER.match(token.text):
+            raise ClauseError(
+                f"'{token.text}' can't be a constant",
+                name=token.text,
+                suggestion=f"integers can, as 7 and -7, and what stands in quotes: '{token.text}'",
+            )
+        self._position += 1
         return token.text
 
     def number(self) -> float:

@@ -31,6 +31,7 @@ GROUND = {
         "formula",
         "operators",
         "literals",
+        "connectives",
         "clauses",
     },
     "vsr": {

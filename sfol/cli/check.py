@@ -37,8 +37,8 @@ def check(sources: Sources) -> None:
             console,
             f"{visible(path)}: ",
             ("valid", "green"),
-            f" ({len(kb.predicates)} predicates, {len(kb.rules)} rules, {len(kb.weights)} weights, "
-            f"{len(kb.terms)} terms, {len(kb.tests)} tests)",
+            f" ({len(kb.predicates)} predicates, {len(kb.written_rules)} rules, "
+            f"{len(kb.weights)} weights, {len(kb.terms)} terms, {len(kb.tests)} tests)",
         )
     if shown:
         raise typer.Exit(2)

@@ -176,7 +176,6 @@ class _Encoder:
     """Collects rows scene by scene."""
 
     def __init__(self, program: Program) -> None:
-        self._subject = (program.knowledge_base.subject,)
         self._background = program.knowledge_base.background
         self._program = program
         self._size = 0
@@ -193,9 +192,9 @@ class _Encoder:
             rows[atom] = self._new_row(atom, bound, known=True)
         for head in self._heads:
             concluded = head.substitutions(tables)
-            subject = Atom(head.name, self._subject)
+            subject = self._program.subject_heads.get(head.name)
             # The subject's asserted heads count without any rule.
-            asserted = [subject] if subject in rows else []
+            asserted = [subject] if subject is not None and subject in rows else []
             for atom in dict.fromkeys([*asserted, *(atom for atom, _, _ in concluded)]):
                 if atom not in rows:
                     rows[atom] = self._new_row(atom, (0.0, 0.0), known=False)
@@ -240,7 +239,7 @@ class _HeadRows:
         self._numbers: dict[Atom, int] = {}
         self._rows: list[int] = []
         self._scenes: list[int] = []
-        self._rules = list(program.plans(head, program.knowledge_base.subject, _any_bound))
+        self._rules = list(program.plans(head, _any_bound))
         self._found: list[list[tuple[int, ...]]] = [[] for _ in self._rules]
         self._patterns: dict[int, list[int]] = {}
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from sfol.arrays import Array, Backend
 from sfol.engines.batch import Batch, Groundings, Patterns, Stratum
+from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import Semantics
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
 
@@ -31,6 +32,12 @@ class Bounds:
     lower: Array
     upper: Array
     known: Array
+
+    def times(self, certainty: Bound) -> Bounds:
+        """Return the bounds of what follows from these with a certainty."""
+        if certainty == TRUE:
+            return self
+        return Bounds(self.lower * certainty.lower, self.upper * certainty.upper, self.known)
 
 
 def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
@@ -75,10 +82,7 @@ class _Evaluation:
         if stratum.patterns is not None:
             self._match(stratum.patterns)
         disjuncts = [self._at(stratum.rows)]
-        # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive
-        # until the garbage collector comes by.
-        gather = self._pooled if self._pools else self._best
-        disjuncts += [gather(rule, len(stratum.rows)) for rule in stratum.rules]
+        disjuncts += [self._concluded(rule, len(stratum.rows)) for rule in stratum.rules]
         concluded = self._either(disjuncts)
         if stratum.head in self._batch.program.read_heads:
             self._put(stratum.rows, concluded)
@@ -135,6 +139,13 @@ class _Evaluation:
     def possible(self, rows: Array) -> Array:
         """Tell which of some atoms are known and have an upper bound above 0."""
         return self.backend.take(self._possible, rows)
+
+    def _concluded(self, rule: Groundings, heads: int) -> Bounds:
+        """Return what one rule concludes."""
+        # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive
+        # until the garbage collector comes by.
+        gather = self._pooled if self._pools else self._best
+        return gather(rule, heads).times(rule.rule.certainty)
 
     def _satisfying(self, rule: Groundings) -> Array:
         """Tell which substitutions satisfy the body."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 
 from sfol.clauses import Body
@@ -15,8 +15,10 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Search
 from sfol.literals.search import WORK_LIMIT, Constants
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, with_certainty
 from sfol.syntax import Atom, variables
+
+_Conjunction = Callable[[Iterable[Bound]], Bound]  # of a rule: its certainty is part of it
 
 
 class CompiledEngine:
@@ -32,12 +34,24 @@ class CompiledEngine:
 
     def __init__(self, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> None:
         self.program = Program.of(kb, work_limit)
-        self._subject = kb.subject
         self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
-        self._conjunction = CONJUNCTIONS[kb.semantics.conjunction]
-        self._pools = kb.semantics.pools
-        self._gatherer = partial(_Pool if self._pools else _Best, self._conjunction)
+        self._conjunctions = {
+            name: with_certainty(CONJUNCTIONS[kb.semantics.conjunction], rule.certainty)
+            for name, rule in kb.rules.items()
+        }
+        pools = kb.semantics.pools
+        self._gatherers: dict[str, _Gatherer] = {
+            name: partial(_Pool if pools else _Best, conjunction)
+            for name, conjunction in self._conjunctions.items()
+        }
+        # To try all values of more than two variables takes longer than a search, which has a
+        # limit.
+        self._tried = frozenset(
+            name
+            for name, rule in kb.rules.items()
+            if pools and len(variables(*rule.clause.head.arguments)) <= 2
+        )
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
     def conclude(self, facts: Facts) -> Conclusions:
@@ -63,15 +77,16 @@ class CompiledEngine:
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
-        if self._pools and plan.branches:
+        if plan.branches and rule.name in self._tried:
             return dict(self._pooled_bounds(rule, tables))
         gathered: dict[Constants, _Pool | _Best] = {}
         head_of = plan.reader(rule.clause.head)
+        gatherer = self._gatherers[rule.name]
 
         def visit(search: Search) -> None:
             head = head_of(search)
             if head not in gathered:
-                gathered[head] = self._gatherer()
+                gathered[head] = gatherer()
             gathered[head].add(search)
 
         plan.search(tables, visit)
@@ -80,26 +95,32 @@ class CompiledEngine:
     def _pooled_bounds(self, rule: Rule, tables: Tables) -> Iterator[tuple[Constants, Bound]]:
         """Yield what `rule_bounds` returns, without a walk through all substitutions."""
         plan, head = self.program.head_plan(rule), rule.clause.head
-        names = variables(*head.arguments)
+        names, conjunction = variables(*head.arguments), self._conjunctions[rule.name]
         for values in _candidates(rule.clause.body, names, tables):
             support = plan.support(tables, values)
             if support:
                 arguments = head.substituted(dict(zip(names, values, strict=True))).arguments
-                yield arguments, self._conjunction(support.values())
+                yield arguments, conjunction(support.values())
 
     def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
         if not self.program.for_subject_alone(head):
             return lambda tables: list(self._all(head, tables))
-        atom = Atom(head, (self._subject,))
-        plans = [(plan, given) for _, plan, given in self.program.plans(head, self._subject)]
+        atom = self.program.subject_heads[head]
+        plans = [
+            (plan, given, self._gatherers[rule.name])
+            for rule, plan, given in self.program.plans(head)
+        ]
         return lambda tables: self._subjects(atom, plans, tables)
 
     def _subjects(
-        self, atom: Atom, plans: Sequence[tuple[Plan, Sequence[str]]], tables: Tables
+        self,
+        atom: Atom,
+        plans: Sequence[tuple[Plan, Sequence[str], _Gatherer]],
+        tables: Tables,
     ) -> list[tuple[Atom, Bound]]:
         disjuncts = []
-        for plan, given in plans:
-            gathered = self._gatherer()
+        for plan, given, gatherer in plans:
+            gathered = gatherer()
             gathered.search(plan, tables, given)
             if gathered:
                 disjuncts.append(gathered.bound())
@@ -119,7 +140,7 @@ class CompiledEngine:
         for head in self.program.strata:
             if self.program.for_subject_alone(head):
                 for atom, bound in self._all(head, tables):
-                    if atom.arguments != (self._subject,):
+                    if atom != self.program.subject_heads[head]:
                         yield atom, bound
 
     def _either(self, atom: Atom, disjuncts: list[Bound], tables: Tables) -> Bound:
@@ -153,7 +174,7 @@ class _Pool:
 
     __slots__ = ("_atoms", "_bounds", "_conjunction")
 
-    def __init__(self, conjunction: Operator) -> None:
+    def __init__(self, conjunction: _Conjunction) -> None:
         self._conjunction = conjunction
         self._atoms: dict[tuple[int, Constants], Bound] = {}
         self._bounds: Collection[Bound] = self._atoms.values()
@@ -181,7 +202,7 @@ class _Best:
 
     __slots__ = ("_best", "_conjunction")
 
-    def __init__(self, conjunction: Operator) -> None:
+    def __init__(self, conjunction: _Conjunction) -> None:
         self._conjunction = conjunction
         self._best: Bound | None = None
 
@@ -202,6 +223,9 @@ class _Best:
     @staticmethod
     def _greater(left: Bound, right: Bound) -> Bound:
         return Bound(max(left.lower, right.lower), max(left.upper, right.upper))
+
+
+_Gatherer = Callable[[], _Pool | _Best]
 
 
 class _Derived(Mapping[Atom, Bound]):

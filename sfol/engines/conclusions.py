@@ -34,12 +34,13 @@ class Conclusions:
 
     @cached_property  # found when first asked for: few ask
     def fired(self) -> frozenset[str]:
-        """The names of the rules that concluded something."""
+        """The names of the rules that concluded something; of parts, and what they are parts of."""
         return frozenset(
-            rule.name
+            name
             for rules in self._program.rules.values()
             for rule, plan in rules
             if plan.holds(self.tables)
+            for name in (rule.name, rule.entry)
         )
 
     def __getstate__(self) -> dict[str, Any]:

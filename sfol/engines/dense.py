@@ -34,7 +34,6 @@ Axes = tuple[str, ...]  # the domain of each argument
 Key = tuple[str, Axes]  # a predicate, and the domains of its arguments
 Blocks = Mapping[Key, Bounds]
 Sizes = Mapping[str, int]  # domain → how many entities it has
-_ALL = (slice(None), slice(None))
 _Argument = str | int  # a variable, or a place in the argument's domain
 
 
@@ -153,7 +152,7 @@ class DenseProgram:
             known.setdefault(predicate, {})[axes] = None
         self._strata: list[tuple[str, list[list[_Typed]]]] = []
         for head in program.strata:
-            rules = [list(self._typed(rule, known)) for rule in self._rules(head)]
+            rules = [list(self._typed(rule, known)) for rule in program.needed_rules(head)]
             self._strata.append((head, rules))
             known.setdefault(head, {}).update((t.axes, None) for rule in rules for t in rule)
 
@@ -179,30 +178,19 @@ class DenseProgram:
             backend: the library of arrays.
             size: B, the number of scenes.
         """
-        domain, place = self.domains.places[self.program.knowledge_base.subject]
-        nobody = Bounds(*(backend.full(1, 0.0)[None],) * 2, backend.full(1, False)[None])
+        nobody = Bounds(*(backend.full(1, 0.0),) * 2, backend.full(1, False))
         found = {}
-        for head in self.program.subject_heads:
-            block = blocks.get((head, (domain,))) or nobody
+        for head, atom in self.program.subject_heads.items():
+            block = blocks.get((head, self.domains.axes(atom.arguments)))
+            places = [self.domains.places[constant][1] for constant in atom.arguments if block]
+            bounds = block or nobody
             found[head] = Bounds(
                 *(
-                    backend.broadcast(_taken(values, 0, place), (size,))
-                    for values in (block.lower, block.upper, block.known)
+                    backend.broadcast(reduce(_first_taken, places, values), (size,))
+                    for values in (bounds.lower, bounds.upper, bounds.known)
                 )
             )
         return found
-
-    def _rules(self, head: str) -> Iterator[tuple[Rule, Mapping[str, str]]]:
-        """Yield the rules of a head; of the subject alone where nothing else is asked for."""
-        subject = self.program.knowledge_base.subject
-        for rule, _ in self.program.rules[head]:
-            term = rule.clause.head.arguments[0]
-            if not self.program.for_subject_alone(head):
-                yield rule, {}
-            elif is_variable(term):
-                yield rule, {term: subject}
-            elif term == subject:
-                yield rule, {}
 
     def _typed(
         self, given: tuple[Rule, Mapping[str, str]], known: Mapping[str, Mapping[Axes, None]]
@@ -344,6 +332,7 @@ class _Evaluation:
             for axes in dict.fromkeys(rule.axes for rule in typed):
                 same = [rule for rule in typed if rule.axes == axes]
                 bounds = self._pooled(same) if self._pools else self._best(same)
+                bounds = bounds.times(same[0].rule.certainty)
                 disjuncts.setdefault(axes, []).append(self._as_block(bounds, same[0]))
         for axes, found in disjuncts.items():
             asserted = self.blocks.get((head, axes))
@@ -481,7 +470,7 @@ class _Evaluation:
             known = block.known
             lower, upper = (backend.where(known, end, 0.0) for end in (block.lower, block.upper))
             for axis in reversed(over):
-                first = (*_ALL[:axis], 0)
+                first = (*(slice(None),) * axis, 0)
                 lower = backend.largest_along(lower, axis)[first]
                 upper = backend.largest_along(upper, axis)[first]
                 known = backend.any_along(known, axis)[first]
@@ -518,31 +507,35 @@ class _Evaluation:
             if isinstance(argument, int):
                 values = _taken(values, axis, argument)
         names = [argument for argument in arguments if isinstance(argument, str)]
-        if len(names) == 2 and names[0] == names[1]:
-            places = list(range(values.shape[0]))
-            values, names = values[places, places], names[:1]
-        if len(names) == 2 and rule.order.index(names[0]) > rule.order.index(names[1]):
-            values = values.swapaxes(0, 1)
+        for name in [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+            while names.count(name) > 1:
+                values, names = _on_diagonal(values, names, name)
+        for axis, name in enumerate(sorted(names, key=rule.order.index)):
+            at = names.index(name)
+            if at != axis:
+                values = values.swapaxes(axis, at)
+                names[at], names[axis] = names[axis], name
         return values[(*(slice(None) if n in names else None for n in rule.order), slice(None))]
 
     # -- heads --------------------------------------------------------------------------------
 
     def _as_block(self, bounds: Bounds, rule: _Typed) -> Bounds:
         """Return what was concluded as a block, with an axis for each argument of the head."""
-        seen: list[_Argument] = []
+        seen: dict[_Argument, int] = {}
         expand: list[slice | None] = []
         masks: list[Array] = []
         for axis, (argument, domain) in enumerate(zip(rule.head, rule.axes, strict=True)):
             size = self._sizes[domain]
             new = isinstance(argument, str) and argument not in seen
             expand.append(slice(None) if new else None)
+            shape = [1] * (len(rule.head) + 1)
+            shape[axis] = size
             if isinstance(argument, int) and size > 1:
-                shape = [1] * (len(rule.head) + 1)
-                shape[axis] = size
                 masks.append((np.arange(size) == argument).reshape(shape))
             elif not new and not isinstance(argument, int):
-                masks.append(np.eye(size, dtype=np.bool_)[..., None])
-            seen.append(argument)
+                shape[seen[argument]] = size
+                masks.append(np.eye(size, dtype=np.bool_).reshape(shape))
+            seen.setdefault(argument, axis)
         at = tuple(slice(None) if name in rule.head_names else 0 for name in rule.order)
         lower, upper, known = (
             values[(*at, slice(None))][(*expand, slice(None))]
@@ -564,6 +557,19 @@ class _Evaluation:
             combine([where(d.known, d.upper, 0.0) for d in disjuncts]),
             reduce(operator.or_, (d.known for d in disjuncts)),
         )
+
+
+def _first_taken(values: Array, place: int) -> Array:
+    """Return one place along the first axis."""
+    return _taken(values, 0, place)
+
+
+def _on_diagonal(values: Array, names: Sequence[str], name: str) -> tuple[Array, list[str]]:
+    """Return values where the first two axes of a name have the same place, as one axis."""
+    first, second = [axis for axis, other in enumerate(names) if other == name][:2]
+    rest = [other for axis, other in enumerate(names) if axis not in (first, second)]
+    # The diagonal is put behind the scenes, which stay last.
+    return values.diagonal(0, first, second).swapaxes(-1, -2), [*rest, name]
 
 
 def _taken(values: Array, axis: int, place: int) -> Array:

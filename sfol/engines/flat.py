@@ -61,10 +61,10 @@ class Flat(NamedTuple):
         """
         literals = binders(body, criterion)
         left = {term for literal in body.literals for term in literal.terms} - given
-        known, free, beside = (
-            [b for b in literals if [term in left for term in b.atom.arguments] in shapes]
-            for shapes in (([False], [False, False]), ([True],), ([True, False], [False, True]))
-        )
+        open_ = [(b, [term in left for term in b.atom.arguments]) for b in literals]
+        known = [b for b, free in open_ if not any(free)]
+        free = [b for b, free in open_ if free == [True]]
+        beside = [b for b, free in open_ if free in ([True, False], [False, True])]
         placed = len(known) + len(free) + len(beside)
         if placed < len(body.literals) or len(left) > 1 or bool(left) != bool(free):
             return None

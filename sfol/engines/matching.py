@@ -7,14 +7,14 @@ their own steps. Steps are chosen so that each has as many arguments known as ca
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from typing import NamedTuple
 
 from sfol.clauses import Body
 from sfol.knowledge_base import EntityCondition, Rule
 from sfol.literals import Criterion, Reading, Search, Step
-from sfol.literals.search import ExhaustedError, Make, Row
+from sfol.literals.search import Constants, ExhaustedError, Make, Row
 from sfol.syntax import Atom
 
 
@@ -116,7 +116,7 @@ def next_binders(waiting: Sequence[Binder], known: Set[str], varying: Set[str]) 
     """
 
     def half(terms: Set[str]) -> list[Binder]:
-        return [binder for binder in waiting if len(terms & set(binder.atom.arguments)) == 1]
+        return [binder for binder in waiting if terms & set(binder.atom.arguments)]
 
     looked_up = [binder for binder in waiting if known >= set(binder.atom.arguments)]
     if looked_up or half(varying):
@@ -204,12 +204,12 @@ def _meet(binders: Sequence[Binder], slot: int, then: Step) -> Step:
 
 
 def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
-    """Match a binary literal in every way that its known argument, if any, leaves open."""
+    """Match a literal in every way that its known arguments, if any, leave open."""
     i, atom, reading = binder
     predicate = atom.predicate
-    fixed = [(place.position, place.slot) for place in places if place.known]
+    fixed = [(place.position, place.slot) for place in places if place.known][:1]
     free = [(place.position, place.slot) for place in places if not place.known]
-    same = places[0].slot == places[1].slot  # P(X, X)
+    agrees = _agreement(places)
 
     def step(search: Search) -> None:
         scene, values, keys, bounds = search.scene, search.values, search.keys, search.bounds
@@ -221,7 +221,7 @@ def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
             raise ExhaustedError
         for key, known in rows:
             bound = reading(known)
-            if bound is None or (same and key[0] != key[1]):
+            if bound is None or (agrees is not None and not agrees(key, values)):
                 continue
             for position, slot in free:
                 values[slot] = key[position]
@@ -230,3 +230,21 @@ def _scan(binder: Binder, places: Sequence[_Place], then: Step) -> Step:
             then(search)
 
     return step
+
+
+def _agreement(places: Sequence[_Place]) -> Callable[[Constants, Sequence[str]], bool] | None:
+    """Return what has to be compared in a row that an index of one known argument has found.
+
+    Returns:
+        Whether a row's arguments and the values in the slots agree; None if they always do.
+    """
+    others = [(place.position, place.slot) for place in places if place.known][1:]
+    first: dict[int, int] = {}
+    pairs = [(first.setdefault(p.slot, p.position), p.position) for p in places if not p.known]
+    twins = [(one, other) for one, other in pairs if one != other]  # P(X, X)
+    if not others and not twins:
+        return None
+    return lambda key, values: (
+        all(key[i] == values[slot] for i, slot in others)
+        and all(key[one] == key[other] for one, other in twins)
+    )

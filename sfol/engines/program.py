@@ -18,7 +18,7 @@ from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.literals import Criterion
 from sfol.literals.search import WORK_LIMIT
-from sfol.syntax import is_variable, variables
+from sfol.syntax import Atom, variables
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class Program:
         knowledge_base: what it was made from.
         strata: heads in an order in which each depends on earlier ones only.
         rules: head → its rules with their plans, in the order of the file.
-        subject_heads: the unary heads, whose atoms of the subject make the reward.
+        subject_heads: the heads of one argument or none → the atom that makes the reward, that of
+            the subject.
         read_heads: heads that some body or condition reads, for whichever entity.
         arities: predicate → its number of arguments.
         work_limit: how many known atoms the search of a body may look at.
@@ -38,7 +39,7 @@ class Program:
     knowledge_base: KnowledgeBase
     strata: tuple[str, ...]
     rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
-    subject_heads: tuple[str, ...]
+    subject_heads: Mapping[str, Atom]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
     work_limit: int
@@ -61,7 +62,11 @@ class Program:
                 )
                 for head in heads
             },
-            subject_heads=tuple(head for head in heads if kb.predicates[head].arity == 1),
+            subject_heads={
+                head: Atom(head, (kb.subject,)[:arity])
+                for head in heads
+                if (arity := kb.predicates[head].arity) <= 1
+            },
             read_heads=kb.read.intersection(heads),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
             work_limit=work_limit,
@@ -79,26 +84,32 @@ class Program:
                 raise _unfit(predicate, given, self.arities)
 
     def plans(
-        self, head: str, subject: str, criterion: Criterion | None = None
+        self, head: str, criterion: Criterion | None = None
     ) -> Iterator[tuple[Rule, Plan, tuple[str, ...]]]:
         """Yield how to conclude a head: for the subject alone where nothing else is needed.
 
         Args:
             head: the predicate.
-            subject: the entity whose heads make the reward.
             criterion: when literals hold; each rule's own by default.
 
         Yields:
             A rule, its plan, and the values that the plan is given.
         """
+        for rule, values in self.needed_rules(head):
+            plan = rule_plan(rule, self.work_limit, list(values), criterion)
+            yield rule, plan, tuple(values.values())
+
+    def needed_rules(self, head: str) -> Iterator[tuple[Rule, Mapping[str, str]]]:
+        """Yield the rules of a head; where it is needed for the subject alone, those about it.
+
+        Yields:
+            A rule, and the values that variables of its head have then.
+        """
+        alone = self.for_subject_alone(head)
         for rule, _ in self.rules[head]:
-            term = rule.clause.head.arguments[0]
-            if not self.for_subject_alone(head):
-                yield rule, rule_plan(rule, self.work_limit, criterion=criterion), ()
-            elif is_variable(term):
-                yield rule, rule_plan(rule, self.work_limit, [term], criterion), (subject,)
-            elif term == subject:
-                yield rule, rule_plan(rule, self.work_limit, criterion=criterion), ()
+            values = rule.clause.head.matched(self.subject_heads[head], {}) if alone else {}
+            if values is not None:
+                yield rule, values
 
     def head_plan(self, rule: Rule) -> Plan:
         """Return the plan of a rule's body that is given the variables of its head."""

@@ -4,7 +4,8 @@ PyReason 3.8 means by a rule something else than a knowledge base does, so a rul
 over as it stands, but as one or several *queries* that mean the same to both:
 
 - Every rule has a private head, since PyReason intersects what several rules conclude; several
-  rules with one head, and strata, are put together here.
+  rules with one head, and strata, are put together here. A rule's certainty is multiplied here,
+  too: PyReason concludes what the body comes to.
 - Every clause has its threshold, since a clause without one means [1, 1]; atoms with upper bound 0
   are left out, since PyReason would let them pass at threshold 0.
 - ``not P(X)`` reads the predicate ``not.P``, whose atoms are asserted with [1 − u, 1 − l], or with
@@ -17,6 +18,9 @@ over as it stands, but as one or several *queries* that mean the same to both:
   whose own variables form a cycle is grounded here, and PyReason gets ground rules.
 - It tells an annotation function which atoms satisfied each clause, not which of them belong
   together; for ``groundings: best`` that function joins them again.
+
+- It splits its texts at commas and blanks, so integers and quoted texts have names of their own
+  there (`sfol.engines.pyreason_names`).
 
 A name with a dot can't be one of the knowledge base's, so none of these are ever confused.
 """
@@ -32,6 +36,12 @@ from sfol.engines.compiled import CompiledEngine
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
+from sfol.engines.pyreason_names import (
+    coded_knowledge_base,
+    coded_tables,
+    decoded_atom,
+    decoded_row,
+)
 from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
 from sfol.engines.tables import Tables
 from sfol.errors import KnowledgeBaseError
@@ -39,7 +49,7 @@ from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Literal, QueryClause
 from sfol.literals.search import WORK_LIMIT, Constants, Rows
-from sfol.operators import DISJUNCTIONS
+from sfol.operators import DISJUNCTIONS, times
 from sfol.syntax import Atom, is_variable, variables
 
 _IS = "is."
@@ -73,11 +83,14 @@ class PyReasonEngine:
         self.grounded_for_pyreason = frozenset(
             rule.name for rule in kb.rules.values() if _is_cyclic(rule)
         )
-        self._kb = kb
-        self._levels = _levels(self.program)
+        self._background = kb.background
+        self._kb = coded_knowledge_base(kb)
+        self._levels = [
+            [self._kb.rules[rule.name] for rule in level] for level in _levels(self.program)
+        ]
         self._readers = {
             literal.query(rule).predicate: literal
-            for rule in kb.rules.values()
+            for rule in self._kb.rules.values()
             for literal in rule.clause.body.literals
         }
         self._numbers = {name: number for number, name in enumerate(kb.rules)}
@@ -111,7 +124,8 @@ class PyReasonEngine:
         """Return the PyReason program of a scene; see `KnowledgeBase.to_pyreason`."""
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
 
-        script = self._script(self._kb.rules.values(), self.conclude(facts).tables)
+        tables = coded_tables(self.conclude(facts).tables)
+        script = self._script(self._kb.rules.values(), tables)
         return (
             pyreason_runtime.graph_of(script),
             pyreason_runtime.rules_of(script),
@@ -122,16 +136,18 @@ class PyReasonEngine:
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
 
         self.program.check(facts)
-        tables = Tables.of(facts, self._kb.background)
+        tables = Tables.of(facts, self._background)
+        known = coded_tables(tables)
         derived: dict[Atom, Bound] = {}
         for rules in self._levels:
-            script = self._script(rules, tables)
+            script = self._script(rules, known)
             answer = pyreason_runtime.run(script, trace=trace)
-            rows += answer.trace
-            conclusions = dict(self._conclusions(script, answer.bounds, tables))
-            derived |= conclusions
-            for atom, bound in conclusions.items():
-                tables.put(atom, bound)
+            rows += map(decoded_row, answer.trace)
+            for atom, bound in dict(self._conclusions(script, answer.bounds, known)).items():
+                known.put(atom, bound)
+                derived[decoded_atom(atom)] = bound
+        for atom, bound in derived.items():
+            tables.put(atom, bound)
         return Conclusions(tables, derived, self.program)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
@@ -195,7 +211,9 @@ class PyReasonEngine:
             disjuncts = [] if asserted is None else [asserted]
             # In the order of the file. Several bounds of one rule come from its ground bodies.
             disjuncts += [
-                DISJUNCTIONS["maximum"](by_rule[name]) for name in self._kb.rules if name in by_rule
+                times(DISJUNCTIONS["maximum"](by_rule[name]), rule.certainty)
+                for name, rule in self._kb.rules.items()
+                if name in by_rule
             ]
             yield head, DISJUNCTIONS[self._kb.semantics.disjunction](disjuncts)
 
@@ -364,6 +382,15 @@ def _domain(kb: KnowledgeBase, tables: Tables) -> Constants:
 
 
 def _check_names(kb: KnowledgeBase) -> None:
+    for name in sorted(kb.read.union(kb.heads)):
+        arity = kb.predicates[name].arity
+        if arity not in (1, 2):
+            raise KnowledgeBaseError(
+                f"PyReason can't express the predicate '{name}' with {arity} arguments: its atoms "
+                "are of one node or of one edge",
+                name=name,
+                suggestion="use engine='compiled'",
+            )
     for name in kb.predicates:
         if name.endswith(_RESERVED):
             raise KnowledgeBaseError(

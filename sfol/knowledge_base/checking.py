@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Set
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Set
 from graphlib import CycleError, TopologicalSorter
 
-from sfol.clauses import Body, parse_clause, parse_condition
+from sfol.clauses import Body, parse_conditions, parse_rule
 from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
-from sfol.facts import Bound, Facts
+from sfol.facts import TRUE, Bound, Facts
 from sfol.formula import Formula, can_be_read, check_formula_name
 from sfol.knowledge_base.format import (
     Case,
@@ -34,8 +35,7 @@ from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
-    is_name,
-    is_variable,
+    is_constant,
     parse_ground_atom,
     parse_signature,
     variables,
@@ -83,12 +83,14 @@ class _Checker:
         conditions = self._entity_conditions()
         background = self._background(predicates)
         self._heads = {rule.clause.head.predicate for rule in rules.values()}
-        for name, rule in rules.items():
-            self._check_rule(name, rule, predicates)
-        for index, condition in conditions.items():
-            self._check_condition(index, condition, predicates)
+        for rule in rules.values():
+            self._check_rule(rule, predicates)
+        entries = Counter(index for index, _ in conditions)
+        for index, condition in conditions:
+            path = ("entity_weights", index, "when")
+            self._check_body(path, condition.when, predicates, ("X",), part=entries[index] > 1)
         terms = self._terms(rules)
-        self._check_heads_are_used(declared, rules, conditions.values(), terms.values())
+        self._check_heads_are_used(declared, rules, [c for _, c in conditions], terms.values())
         self._check_cycles(rules)
         self._check_semantics()
         self._check_signals()
@@ -114,7 +116,7 @@ class _Checker:
             signals=file.signals,
             weights=file.weights,
             terms=terms,
-            entity_weights=tuple(conditions.values()),
+            entity_weights=tuple(condition for _, condition in conditions),
             grounding=file.grounding,
             observation=file.observation,
             entities=file.entities,
@@ -129,10 +131,10 @@ class _Checker:
 
     def _check_subject(self) -> None:
         subject = self._file.subject
-        if not is_name(subject) or is_variable(subject):
+        if not is_constant(subject):
             self._reporter.report(
                 ("subject",), f"the subject '{subject}' is not a constant", subject,
-                "a constant begins with a lower-case letter",
+                "a constant begins with a lower-case letter, or stands in quotes: '\"Mary\"'",
             )  # fmt: skip
 
     def _predicates(self) -> dict[str, Predicate]:
@@ -150,29 +152,64 @@ class _Checker:
         return found
 
     def _rules(self) -> dict[str, Rule]:
-        return {
-            name: rule
-            for name, entry in self._file.rules.items()
-            if (rule := self._rule(name, entry)) is not None
-        }
+        found: dict[str, Rule] = {}
+        for name, entry in self._file.rules.items():
+            for rule in self._rules_of(name, entry):
+                if rule.name != name and rule.name in self._file.rules:
+                    self._reporter.report(
+                        ("rules", rule.name),
+                        f"'{rule.name}' is what a part of the rule '{name}' is called",
+                        rule.name,
+                        "rename one of the two rules",
+                    )
+                found[rule.name] = rule
+        return found
 
-    def _rule(self, name: str, entry: RuleEntry) -> Rule | None:
-        clause = self._reporter.parsed(("rules", name, "rule"), parse_clause, entry.rule)
-        if clause is None:
+    def _rules_of(self, name: str, entry: RuleEntry) -> Iterator[Rule]:
+        """Yield an entry's rule, or one for each way in which its body can hold."""
+        written = self._reporter.parsed(("rules", name, "rule"), parse_rule, entry.rule)
+        certainty = self._certainty(name, entry)
+        if written is None:
             self._reporter.unread.update(_first_name(entry.rule))
-            return None
-        return Rule(name, clause, entry.description, entry.threshold, entry.negation_threshold)
+            return
+        several = len(written.clauses) > 1
+        for number, clause in enumerate(written.clauses, start=1):
+            yield Rule(
+                f"{name}.{number}" if several else name,
+                clause,
+                entry.description,
+                entry.threshold,
+                entry.negation_threshold,
+                certainty,
+                written if several else None,
+            )
 
-    def _entity_conditions(self) -> dict[int, EntityCondition]:
-        parsed = {
-            index: self._entity_condition(index, entry)
+    def _certainty(self, name: str, entry: RuleEntry) -> Bound:
+        path, given = ("rules", name, "certainty"), entry.certainty
+        pair = given if isinstance(given, tuple) else (given, given)
+        certainty = self._reporter.parsed(
+            path, lambda: Bound.checked(*pair, of=f"the certainty of '{name}'")
+        )
+        if certainty is not None and certainty.upper == 0.0:
+            self._reporter.report(
+                path,
+                f"the certainty of '{name}' is 0: the rule concludes nothing",
+                "certainty",
+                "leave the rule out, or remove it in an overlay",
+            )
+        return certainty or TRUE
+
+    def _entity_conditions(self) -> list[tuple[int, EntityCondition]]:
+        """Return the conditions of entity weights, each with the index of its entry."""
+        return [
+            (index, EntityCondition(body, entry.weight, entry.at_least))
             for index, entry in enumerate(self._file.entity_weights)
-        }
-        return {index: condition for index, condition in parsed.items() if condition is not None}
+            for body in self._bodies_of(index, entry)
+        ]
 
-    def _entity_condition(self, index: int, entry: EntityWeight) -> EntityCondition | None:
-        body = self._reporter.parsed(("entity_weights", index, "when"), parse_condition, entry.when)
-        return None if body is None else EntityCondition(body, entry.weight, entry.at_least)
+    def _bodies_of(self, index: int, entry: EntityWeight) -> tuple[Body, ...]:
+        path = ("entity_weights", index, "when")
+        return self._reporter.parsed(path, parse_conditions, entry.when) or ()
 
     def _background(self, predicates: Mapping[str, Predicate]) -> tuple[Atom, ...]:
         atoms = []
@@ -185,7 +222,7 @@ class _Checker:
         return tuple(atoms)
 
     def _terms(self, rules: Mapping[str, Rule]) -> dict[str, RewardTerm]:
-        heads = self._heads_with(rules, 1)
+        heads = self._subject_heads(rules)
         return {
             name: term
             for name, entry in self._file.terms.items()
@@ -251,17 +288,12 @@ class _Checker:
         }
         return {**declared, **{n: heads[n] for n in reversed(list(heads)) if n not in declared}}
 
-    def _check_rule(self, name: str, rule: Rule, predicates: Mapping[str, Predicate]) -> None:
-        path = ("rules", name, "rule")
+    def _check_rule(self, rule: Rule, predicates: Mapping[str, Predicate]) -> None:
+        path = ("rules", rule.entry, "rule")
         head, body = rule.clause.head, rule.clause.body
         self._check_atom(path, head, predicates, offset=0)
-        self._check_body(path, body, predicates, must_bind=variables(*head.arguments))
-
-    def _check_condition(
-        self, index: int, condition: EntityCondition, predicates: Mapping[str, Predicate]
-    ) -> None:
-        path = ("entity_weights", index, "when")
-        self._check_body(path, condition.when, predicates, must_bind=("X",))
+        part = rule.part_of is not None
+        self._check_body(path, body, predicates, variables(*head.arguments), part=part)
 
     def _check_body(
         self,
@@ -269,10 +301,13 @@ class _Checker:
         body: Body,
         predicates: Mapping[str, Predicate],
         must_bind: tuple[str, ...],
+        *,
+        part: bool,
     ) -> None:
         offsets = dict(reversed(body.offsets))
+        whole = f"'{body}', one way in which the body can hold," if part else "the body"
         if not body.atom_literals:
-            self._reporter.report(path, "the body has guards and no literal", str(body))
+            self._reporter.report(path, f"{whole} has guards and no literal", str(body))
         for atom in (atom for literal in body.literals for atom in literal.atoms):
             self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
         bound = body.bound_variables
@@ -280,7 +315,8 @@ class _Checker:
             if variable not in bound:
                 self._reporter.report(
                     path,
-                    f"the variable '{variable}' stands in no positive literal of the body",
+                    f"the variable '{variable}' stands in no positive literal of "
+                    f"{whole.removesuffix(',')}",
                     variable,
                     f"add a literal such as Predicate({variable}), or rename the variable",
                     offset=offsets.get(variable, 0),
@@ -297,12 +333,11 @@ class _Checker:
         if predicate is None:
             self._reporter.unknown(path, "predicate", atom.predicate, predicates, offset)
         elif predicate.arity != len(atom.arguments):
-            shown = f"{predicate.name}({', '.join(predicate.parameters)})"
             self._reporter.report(
                 path,
                 f"'{atom.predicate}' has {len(atom.arguments)} arguments here",
                 atom.predicate,
-                f"it is declared as {shown}",
+                f"it is declared as {predicate.signature}",
                 offset=offset,
             )
 
@@ -320,13 +355,13 @@ class _Checker:
         used |= {head for weight in self._file.weights.values() for head in weight.coefficients}
         used |= {head for term in terms for head in term.heads}
         unknown = used - {*declared, *(rule.clause.head.predicate for rule in rules.values())}
-        for name, rule in rules.items():
+        for rule in rules.values():
             head = rule.clause.head.predicate
             # Where the misspelt name is that of the reader, it is reported there.
             misread = any(closest(other, [head]) for other in unknown)
             if head not in declared and head not in used and not misread:
                 self._reporter.unknown(
-                    ("rules", name, "rule"), "predicate", head, {*declared, *used}
+                    ("rules", rule.entry, "rule"), "predicate", head, {*declared, *used}
                 )
 
     def _check_cycles(self, rules: Mapping[str, Rule]) -> None:
@@ -336,7 +371,7 @@ class _Checker:
             cycle: list[str] = error.args[1]
             first = next(r for r in rules.values() if r.clause.head.predicate in cycle)
             self._reporter.report(
-                ("rules", first.name, "rule"),
+                ("rules", first.entry, "rule"),
                 f"rules depend on each other in a circle: {' → '.join(cycle)}",
                 first.clause.head.predicate,
                 "a head may be used in other bodies, but not in its own derivation",
@@ -367,21 +402,25 @@ class _Checker:
                 )
 
     def _check_weights(self, rules: Mapping[str, Rule]) -> None:
-        unary, binary = self._heads_with(rules, 1), self._heads_with(rules, 2)
+        known = self._subject_heads(rules)
+        arities = {r.clause.head.predicate: len(r.clause.head.arguments) for r in rules.values()}
         for name, weight in self._file.weights.items():
             for head in weight.coefficients:
                 path = ("weights", name, "coefficients", head)
-                if head not in unary and head in binary:
-                    self._reporter.report(path, f"the head '{head}' has two arguments", head,
-                                 "a weight is made of heads with one, the subject")  # fmt: skip
-                elif head not in unary:
-                    self._reporter.unknown(path, "head", head, unary)
+                if head in arities and head not in known:
+                    self._reporter.report(
+                        path,
+                        f"the head '{head}' has {arities[head]} arguments",
+                        head,
+                        "a weight is made of heads with one, the subject, or none",
+                    )
+                elif head not in known:
+                    self._reporter.unknown(path, "head", head, known)
 
-    def _heads_with(self, rules: Mapping[str, Rule], arity: int) -> frozenset[str]:
-        """Return the heads of so many arguments; what an overlay removed may have had one."""
+    def _subject_heads(self, rules: Mapping[str, Rule]) -> frozenset[str]:
+        """Return the heads of one argument or none; what an overlay removed may have been one."""
         heads = (rule.clause.head for rule in rules.values())
-        found = {head.predicate for head in heads if len(head.arguments) == arity}
-        return self._removed_heads.union(found) if arity == 1 else frozenset(found)
+        return self._removed_heads.union(h.predicate for h in heads if len(h.arguments) <= 1)
 
     def _check_observed(self, path: Path, case: Case) -> None:
         """Check what a test observes; whether it has the parts that are read, its run shows."""
@@ -417,7 +456,7 @@ class _Checker:
             for atom in self._reporter.parsed(where, Facts.parse, text) or ():
                 self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
         expect = case.expect
-        heads = {n for n, p in predicates.items() if p.arity == 1 and n in self._heads}
+        heads = {n for n, p in predicates.items() if p.arity <= 1 and n in self._heads}
         known = (
             ("signal", case.signals, self._file.signals, ("signals",)),
             ("head", expect.bounds, heads | self._removed_heads, ("expect", "bounds")),

@@ -41,16 +41,26 @@ class _OneOf:
         return core_schema.literal_schema([*self.names])
 
 
+BoundPair = tuple[float, float]
+_Listed = BeforeValidator(lambda pair: tuple(pair) if isinstance(pair, list) else pair)
+
+
 class RuleEntry(_Section):
     """One rule; a plain text stands for a rule without a description."""
 
-    rule: str = Field(description="A Horn clause: head(X) :- Body(X), not Other(X), X != Y.")
+    rule: str = Field(
+        description="Such as head(X) :- Body(X), not Other(X), (P(X) or Q(X)), X != Y."
+    )
     description: str = Field("", description="What it says, in one sentence.")
     threshold: float = Field(
         0.0, ge=0, le=1, description="A positive literal's lower bound must reach this."
     )
     negation_threshold: float = Field(
         0.5, ge=0, le=1, description="A negated literal's lower bound, 1 − u, must reach this."
+    )
+    certainty: float | Annotated[BoundPair, _Listed] = Field(
+        1.0,
+        description="What the bound of the body is multiplied by: a number, or [lower, upper].",
     )
 
 
@@ -216,10 +226,6 @@ class Grounding(BaseModel):
         le=1,
         description="m: a confidence c becomes [c − m c, c + m c]; without it, [c, c].",
     )
-
-
-BoundPair = tuple[float, float]
-_Listed = BeforeValidator(lambda pair: tuple(pair) if isinstance(pair, list) else pair)
 
 
 class Expectation(_Section):

@@ -9,11 +9,12 @@ outside.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import yaml
 
+from sfol.connectives import IMPLIES, OR
 from sfol.knowledge_base.positions import Entry, entries
 from sfol.syntax import OPERATORS
 
@@ -21,7 +22,7 @@ _PIECE = re.compile(
     r"(?P<comment>[%#][^\r\n]*)"
     r"|(?P<blank>[ \t]+)"
     r"|(?P<break>\s+)"
-    r"|(?P<word>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
+    r"|(?P<word>\"[^\"\r\n]*\"|'[^'\r\n]*'|[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|[^\W\d]\w*)"
     rf"|(?P<mark>{'|'.join(map(re.escape, OPERATORS))}|.)"
 )
 
@@ -64,7 +65,7 @@ def format_clause(text: str) -> str:
     """
     parts: list[str] = []
     left, blank = _EDGE, ""
-    for right in (*_pieces(text), _EDGE):
+    for right in (*_joined(_pieces(text)), _EDGE):
         if right.kind == "blank":
             blank = right.text
             continue
@@ -73,14 +74,31 @@ def format_clause(text: str) -> str:
     return "".join(parts)
 
 
+def _joined(pieces: Iterable[_Piece]) -> Iterator[_Piece]:
+    """Yield pieces, the connectives among the words told from predicates that are called so."""
+    before = _EDGE
+    for piece in pieces:
+        if piece.kind in ("blank", "break", "comment"):
+            yield piece
+            continue
+        ends = before.text == ")" or before.kind == "word"
+        connects = piece.text in (OR, IMPLIES) and ends and before.text != "not"
+        before = _Piece("connective", piece.text) if connects else piece
+        yield before
+
+
 def _gap(left: _Piece, right: _Piece, blank: str) -> str:
     """Return what belongs between two neighbours that have a blank, or none, between them."""
     if _EDGE in (left, right):
         return ""
     if {left.kind, right.kind} & {"break", "comment"}:
         return blank
+    if right.text == "(" and (left.kind == "connective" or left.text in (",", *OPERATORS)):
+        return " "
     if left.text in ("(", "[") or right.text in ("(", ")", "]", ",", ".", ":"):
         return ""
+    if "connective" in (left.kind, right.kind):
+        return " "
     words = left.kind == right.kind == "word"
     spaced = left.text in (",", ":", ".", *OPERATORS) or right.text in OPERATORS
     return " " if words or spaced else ""

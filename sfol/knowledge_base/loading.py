@@ -338,7 +338,8 @@ _NAME_OF: Mapping[str, Callable[[str], str]] = {
 
 
 def _head_of(rule: Any) -> str:
-    return _predicate_name(str(rule.get("rule", "") if isinstance(rule, dict) else rule))
+    text = str(rule.get("rule", "") if isinstance(rule, dict) else rule)
+    return _predicate_name(text.partition(":-")[0])
 
 
 # -- the models ---------------------------------------------------------------------------------

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from sfol.errors import KnowledgeBaseError, did_you_mean
-from sfol.facts import Facts
+from sfol.facts import TRUE, Facts
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
 from sfol.knowledge_base.loading import load
-from sfol.knowledge_base.parts import Parts, Predicate
+from sfol.knowledge_base.parts import Parts, Predicate, Rule
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -31,7 +31,8 @@ class KnowledgeBase(Parts):
         subject: the entity whose heads make the reward.
         background: ground atoms that always hold with [1, 1].
         predicates: by name; heads that only rules introduce are among them.
-        rules: by name, in the order of the file.
+        rules: by name, in the order of the file; in place of one with ``or`` or ``implies`` its
+            parts, called ``safe2.1``, ``safe2.2`` and so on.
         semantics: the operators.
         signals: by name.
         weights: by name.
@@ -84,6 +85,14 @@ class KnowledgeBase(Parts):
         return tuple(dict.fromkeys(rule.clause.head.predicate for rule in self.rules.values()))
 
     @property
+    def written_rules(self) -> dict[str, tuple[Rule, ...]]:
+        """The rules by their names in a file; one with ``or`` or ``implies`` has several parts."""
+        found: dict[str, list[Rule]] = {}
+        for rule in self.rules.values():
+            found.setdefault(rule.entry, []).append(rule)
+        return {name: tuple(parts) for name, parts in found.items()}
+
+    @property
     def declared(self) -> dict[str, Predicate]:
         """The predicates that are declared, by name."""
         return {name: p for name, p in self.predicates.items() if p.declared}
@@ -112,10 +121,7 @@ class KnowledgeBase(Parts):
         meaning = {
             "subject": self.subject,
             "background": sorted(map(str, self.background)),
-            "rules": {
-                name: [str(rule.clause), rule.threshold, rule.negation_threshold]
-                for name, rule in self.rules.items()
-            },
+            "rules": {name: _meaning_of(rule) for name, rule in self.rules.items()},
             "semantics": [*self.semantics.model_dump().values(), self.semantics.pools],
             "signals": {name: signal.default for name, signal in self.signals.items()},
             "weights": {
@@ -151,7 +157,9 @@ class KnowledgeBase(Parts):
         """Return the PyReason program of a scene, for those who want to go on from it.
 
         All conclusions are among the facts, so that one run suffices: each rule then concludes its
-        own bound, under a head of its own such as ``safe3.8(ego)``.
+        own bound, under a head of its own such as ``safe3.8(ego)``: what its body comes to, which
+        its certainty still multiplies. Integers and quoted constants have names of their own, such
+        as ``integer.7`` and ``text.4d617279``.
 
         Args:
             facts: ground atoms with bounds.
@@ -204,5 +212,11 @@ class KnowledgeBase(Parts):
     def __repr__(self) -> str:
         return (
             f"<KnowledgeBase '{self.name}': {len(self.predicates)} predicates, "
-            f"{len(self.rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
+            f"{len(self.written_rules)} rules, {len(self.terms)} terms, {self.hash[:12]}>"
         )
+
+
+def _meaning_of(rule: Rule) -> list[Any]:
+    """Return what a rule says, for the digest; what is certain has no certainty there."""
+    certainty = [] if rule.certainty == TRUE else [list(rule.certainty)]
+    return [str(rule.clause), rule.threshold, rule.negation_threshold, *certainty]

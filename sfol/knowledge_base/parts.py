@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sfol.clauses import Body, Clause
+from sfol.clauses import Body, Clause, WrittenRule
+from sfol.facts import TRUE, Bound
 from sfol.formula import Formula
 from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Sort, Source, Weight
 from sfol.syntax import Atom
@@ -18,7 +19,7 @@ class Predicate:
 
     Attributes:
         name: such as ``CenterOf``.
-        parameters: one or two variables, such as ``("X", "Y")``.
+        parameters: four variables at most, such as ``("X", "Y")``.
         description: what an atom of it says.
         declared: whether the file declares it; otherwise it is written like the head of its first
             rule and described like that rule.
@@ -31,8 +32,13 @@ class Predicate:
 
     @property
     def arity(self) -> int:
-        """The number of arguments, 1 or 2."""
+        """The number of arguments, from 0 to 4."""
         return len(self.parameters)
+
+    @property
+    def signature(self) -> str:
+        """The predicate with its parameters, as a file declares it."""
+        return str(Atom(self.name, self.parameters))
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,9 @@ class Rule:
         description: what it says.
         threshold: least lower bound of a positive literal.
         negation_threshold: least lower bound, 1 − u, of a negated literal.
+        certainty: what the bound of the body is multiplied by, lower with lower, upper with upper.
+        part_of: the rule as it is written, if its body has ``or`` or ``implies``: each way in which
+            that can hold is a rule, a part, called ``safe2.1``, ``safe2.2`` and so on.
     """
 
     name: str
@@ -52,6 +61,24 @@ class Rule:
     description: str = ""
     threshold: float = 0.0
     negation_threshold: float = 0.5
+    certainty: Bound = TRUE
+    part_of: WrittenRule | None = None
+
+    @property
+    def entry(self) -> str:
+        """What the rule as it is written is called: ``safe2`` for ``safe2.1``, a part of it."""
+        return self.name if self.part_of is None else self.name.rpartition(".")[0]
+
+    @property
+    def called(self) -> str:
+        """Its name for messages, and that of the rule as it is written."""
+        return f"'{self.name}'" + ("" if self.part_of is None else f" (a part of '{self.entry}')")
+
+    @property
+    def certainty_entry(self) -> float | list[float]:
+        """The certainty as a file has it: one number where both ends are the same."""
+        lower, upper = self.certainty
+        return lower if lower == upper else [lower, upper]
 
     def __str__(self) -> str:
         return f"{self.name}: {self.clause}"

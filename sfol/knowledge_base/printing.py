@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import yaml
@@ -39,10 +40,8 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "description": kb.description,
         "subject": kb.subject,
         "background": [str(atom) for atom in kb.background],
-        "predicates": {
-            f"{p.name}({', '.join(p.parameters)})": p.description for p in _declared(kb)
-        },
-        "rules": {name: _rule(rule) for name, rule in kb.rules.items()},
+        "predicates": {p.signature: p.description for p in _declared(kb)},
+        "rules": dict(_rules(kb)),
         "semantics": kb.semantics.model_dump(exclude_none=True),
         "observation": {name: _said(source) for name, source in kb.observation.items()},
         "entities": {name: _said(sort) for name, sort in kb.entities.items()},
@@ -82,17 +81,38 @@ def _declared(kb: KnowledgeBase) -> list[Predicate]:
     return [p for name, p in kb.predicates.items() if p.declared or name not in implied]
 
 
-def _rule(rule: Rule) -> str | dict[str, Any]:
+def _rules(kb: KnowledgeBase) -> Iterator[tuple[str, str | dict[str, Any]]]:
+    """Yield rules as they are written; parts that were changed as objects stand alone."""
+    for name, parts in kb.written_rules.items():
+        if _are_all_parts(name, parts):
+            yield name, _rule(parts[0], str(parts[0].part_of))
+        else:
+            yield from ((part.name, _rule(part, str(part.clause))) for part in parts)
+
+
+def _are_all_parts(name: str, parts: Sequence[Rule]) -> bool:
+    """Tell whether rules are all parts of one as it is written, and nothing else."""
+    first = parts[0]
+    if first.part_of is None:
+        return False
+    return parts == tuple(
+        replace(first, name=f"{name}.{number}", clause=clause)
+        for number, clause in enumerate(first.part_of.clauses, start=1)
+    )
+
+
+def _rule(rule: Rule, text: str) -> str | dict[str, Any]:
     entry = _without_defaults(
         {
-            "rule": str(rule.clause),
+            "rule": text,
             "description": rule.description,
             "threshold": rule.threshold,
             "negation_threshold": rule.negation_threshold,
+            "certainty": rule.certainty_entry,
         },
-        {"description": "", "threshold": 0.0, "negation_threshold": 0.5},
+        {"description": "", "threshold": 0.0, "negation_threshold": 0.5, "certainty": 1.0},
     )
-    return entry if len(entry) > 1 else str(rule.clause)
+    return entry if len(entry) > 1 else text
 
 
 def _fact(fact: ObservedFact) -> str | dict[str, Any]:

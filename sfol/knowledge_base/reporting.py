@@ -37,6 +37,7 @@ class Reporter:
         self._place_of = place_of
         self.errors: list[SfolError] = []
         self.unread: set[str] = set()
+        self._reported: set[tuple[Path, int, str]] = set()
 
     def parsed(
         self, path: Path, function: Callable[..., _Parsed], *arguments: object
@@ -67,6 +68,9 @@ class Reporter:
             suggestion: what to write instead.
             offset: of that word in the text of the part.
         """
+        if (path, offset, message) in self._reported:  # in another part of the same rule
+            return
+        self._reported.add((path, offset, message))
         place = self._place_of(path, offset)
         self._add(KnowledgeBaseError(message, name=name, suggestion=suggestion, place=place))
 

@@ -8,7 +8,9 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
+from sfol.facts import TRUE
 from sfol.knowledge_base.model import KnowledgeBase
+from sfol.knowledge_base.parts import Rule
 
 
 def summary_table(kb: KnowledgeBase) -> Group:
@@ -24,7 +26,10 @@ def summary_table(kb: KnowledgeBase) -> Group:
         _table(
             "Rules",
             ("rule", "clause", "description"),
-            ((r.name, str(r.clause), r.description) for r in kb.rules.values()),
+            (
+                (name, _clause(parts[0]), parts[0].description)
+                for name, parts in kb.written_rules.items()
+            ),
         ),
         _table(
             "Weights",
@@ -100,6 +105,11 @@ def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) ->
     for row in rows:
         table.add_row(*map(escape, row))
     return table
+
+
+def _clause(rule: Rule) -> str:
+    weakened = "" if rule.certainty == TRUE else f"  certainty {rule.certainty_entry}"
+    return f"{rule.part_of or rule.clause}{weakened}"
 
 
 def _sum(coefficients: Mapping[str, float]) -> str:

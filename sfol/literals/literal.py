@@ -58,7 +58,7 @@ class QueryClause(NamedTuple):
 
     Attributes:
         predicate: as PyReason knows it.
-        terms: variables and constants, one or two.
+        terms: variables and constants, one or two: PyReason has no more.
         threshold: the least lower bound.
         counts: whether its bounds take part in the conjunction.
         symmetric: whether its terms may change places.
@@ -141,6 +141,11 @@ class Literal(ABC):
         Returns:
             None if no substitution does.
         """
+
+    @classmethod
+    def opposite_of(cls, literal: Literal) -> Literal | None:
+        """Return what says that a literal is not so, if this kind can tell; else None."""
+        return None
 
     def never_holds(self) -> bool:
         """Tell whether it is false under every substitution and in every scene."""

@@ -18,6 +18,7 @@ from sfol.literals.literal import (
     Reading,
     Thresholds,
 )
+from sfol.literals.positive import Positive
 from sfol.literals.search import (
     Constants,
     ExhaustedError,
@@ -61,6 +62,15 @@ class Negated(AtomLiteral):
     def terms(self) -> tuple[str, ...]:
         """The variables and constants that it names; ``_`` names nothing."""
         return tuple(term for term in self.atom.arguments if term != ANONYMOUS)
+
+    @classmethod
+    def opposite_of(cls, literal: Literal) -> Literal | None:
+        match literal:
+            case Negated(atom):
+                return Positive(atom)
+            case Positive(atom, 0.0):
+                return cls(atom)
+        return None
 
     def substituted(self, values: Mapping[str, str]) -> Self:
         return type(self)(self.atom.substituted(values))

@@ -25,9 +25,9 @@ class NotEqual(Literal):
     def parse(cls, reader: Reader) -> Self | None:
         if not reader.sees("!=", ahead=1):
             return None
-        left = reader.name("a term")
+        left = reader.term("a term")
         reader.expect("!=")
-        return cls(left, reader.name("a term"))
+        return cls(left, reader.term("a term"))
 
     def __str__(self) -> str:
         return f"{self.left} != {self.right}"

@@ -33,10 +33,13 @@ class Scene(Protocol):
 
 def matching(scene: Scene, pattern: Atom) -> Collection[Row]:
     """Return the known atoms that a ground pattern stands for, as ``Near(p1, _)`` does."""
-    for position, constant in enumerate(pattern.arguments):
-        if constant != ANONYMOUS:
-            return scene.rows_with(pattern.predicate, position, constant)
-    return scene.rows(pattern.predicate).items()
+    fixed = [(i, constant) for i, constant in enumerate(pattern.arguments) if constant != ANONYMOUS]
+    if not fixed:
+        return scene.rows(pattern.predicate).items()
+    rows = scene.rows_with(pattern.predicate, *fixed[0])
+    if len(fixed) == 1:
+        return rows
+    return [row for row in rows if all(row[0][i] == constant for i, constant in fixed)]
 
 
 def greatest(rows: Iterable[Row]) -> Bound | None:

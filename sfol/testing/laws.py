@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from random import Random
 from typing import cast
 
-from sfol.clauses import parse_clause
+from sfol.clauses import parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
@@ -105,6 +105,26 @@ def of_several_rules_the_greatest_counts(
     assert_same(greatest, _of(_derived(reward, facts), head))
 
 
+def certainty_multiplies(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """With `disjunction: maximum`, rules half as certain conclude half of what they did."""
+    kb = reward.kb
+    if kb.semantics.disjunction != "maximum" or not kb.heads:
+        return
+    head = random.choice(kb.heads)
+    halved = {
+        name: rule
+        if rule.clause.head.predicate != head
+        else dataclasses.replace(rule, certainty=_half(rule.certainty))
+        for name, rule in kb.rules.items()
+    }
+    after = _like(reward.engine, dataclasses.replace(kb, rules=halved)).conclude(facts).derived
+    asserted = {*facts, *kb.background}
+    before = _of(_derived(reward, facts), head)
+    expected = {atom: _half(bound) for atom, bound in before.items() if atom not in asserted}
+    found = {atom: b for atom, b in _of(after, head).items() if atom not in asserted}
+    assert_same(expected, found)
+
+
 def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """The confidence of a head of which nothing is known is 0."""
     outcome = _evaluated(reward, facts)
@@ -116,6 +136,7 @@ def printed_rules_are_the_rules(reward: RewardFunction, facts: Facts, random: Ra
     """To print and to parse are each other's inverse, for rules and for facts."""
     for rule in reward.kb.rules.values():
         assert parse_clause(str(rule.clause)) == rule.clause, rule
+        assert rule.part_of is None or parse_rule(str(rule.part_of)) == rule.part_of, rule
     assert Facts.parse(str(facts), margin=facts.margin) == facts
 
 
@@ -160,6 +181,7 @@ LAWS: Sequence[Law] = (
     irrelevant_facts_change_nothing,
     best_is_monotone,
     of_several_rules_the_greatest_counts,
+    certainty_multiplies,
     heads_that_did_not_fire_are_zero,
     printed_rules_are_the_rules,
     the_reward_is_the_sum_of_its_terms,
@@ -213,6 +235,10 @@ def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
     for atom, bound in items:
         facts.add(atom.predicate, *atom.arguments, bound=bound)
     return facts
+
+
+def _half(bound: Bound) -> Bound:
+    return Bound(bound.lower / 2, bound.upper / 2)
 
 
 def _named(kb: KnowledgeBase) -> set[str]:

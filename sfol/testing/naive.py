@@ -12,6 +12,8 @@ import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
 
+from sfol.clauses import Body
+from sfol.connectives import Joined, Tree
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Literal, Negated, NotEqual, Positive
@@ -52,8 +54,47 @@ def _rules_of(kb: KnowledgeBase, head: str) -> list[Rule]:
     return [rule for rule in kb.rules.values() if rule.clause.head.predicate == head]
 
 
+def _literals(rule: Rule) -> Sequence[Literal]:
+    # A body with connectives stands for several rules, one for each way in which it can hold.
+    if rule.part_of is None:
+        return rule.clause.body.literals
+    number = int(rule.name.rpartition(".")[2])
+    return Body(tuple(_ways(rule.part_of.body)[number - 1])).literals
+
+
+def _ways(body: Tree) -> list[list[Literal]]:
+    if isinstance(body, Literal):
+        return [[body]]
+    first, *others = body.parts
+    rest = others[0] if len(others) == 1 else Joined(body.connective, tuple(others))
+    match body.connective:
+        case ",":  # every way of the first part with every way of the rest
+            return [left + right for left in _ways(first) for right in _ways(rest)]
+        case "or":  # the ways of the first part, and those of the rest
+            return _ways(first) + _ways(rest)
+        case "implies":  # the condition fails, or the consequence holds
+            return _failing(first) + _ways(rest)
+    raise NotImplementedError(f"what '{body.connective}' means is not defined")
+
+
+def _failing(body: Tree) -> list[list[Literal]]:
+    match body:
+        case Positive(atom, 0.0):
+            return [[Negated(atom)]]
+        case Negated(atom):
+            return [[Positive(atom)]]
+        case Joined("implies", (condition, consequence)):
+            return [a + b for a in _ways(condition) for b in _failing(consequence)]
+        case Joined("or", (first, *others)):
+            rest = others[0] if len(others) == 1 else Joined("or", tuple(others))
+            return [a + b for a in _failing(first) for b in _failing(rest)]
+        case Joined(",", parts):
+            return [way for part in parts for way in _failing(part)]
+    raise NotImplementedError(f"where '{body}' fails is not defined")
+
+
 def _reads(kb: KnowledgeBase, head: str) -> set[str]:
-    literals = [literal for rule in _rules_of(kb, head) for literal in rule.clause.body.literals]
+    literals = [literal for rule in _rules_of(kb, head) for literal in _literals(rule)]
     return {atom.predicate for literal in literals if (atom := _atom(literal)) is not None}
 
 
@@ -82,11 +123,14 @@ def _naive_rule(
     if groundings is None:
         groundings = "pooled" if kb.semantics.conjunction == "average" else "best"
     combine = _naive_pooled if groundings == "pooled" else _naive_best
-    return {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+    bounds = {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+    # The certainty of a rule multiplies what its body comes to.
+    lower, upper = rule.certainty
+    return {head: Bound(lower * b.lower, upper * b.upper) for head, b in bounds.items()}
 
 
 def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution]:
-    atoms = [rule.clause.head, *map(_atom, rule.clause.body.literals)]
+    atoms = [rule.clause.head, *map(_atom, _literals(rule))]
     terms = {term for atom in atoms if atom is not None for term in atom.arguments}
     names = sorted(term for term in terms if is_variable(term))
     for values in itertools.product(entities, repeat=len(names)):
@@ -95,8 +139,7 @@ def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution
 
 def _satisfies(rule: Rule, substitution: Substitution, known: Known) -> bool:
     # s satisfies the body iff every literal and guard holds.
-    literals = rule.clause.body.literals
-    return all(_holds(rule, literal, substitution, known) for literal in literals)
+    return all(_holds(rule, literal, substitution, known) for literal in _literals(rule))
 
 
 def _reaches(number: float, threshold: float) -> bool:
@@ -157,7 +200,7 @@ def _naive_pooled(
 ) -> Bound:
     # For each body literal the distinct ground atoms over S(h), then the average over all of them.
     pool = []
-    for literal in rule.clause.body.literals:
+    for literal in _literals(rule):
         atom = _atom(literal)
         distinct = {
             _grounded(atom, substitution): _literal_bound(literal, substitution, known)
@@ -174,8 +217,7 @@ def _naive_best(
     # Combine per substitution, then take the maximum of lowers and of uppers.
     single = []
     for substitution in found:
-        literals = rule.clause.body.literals
-        bounds = [_literal_bound(literal, substitution, known) for literal in literals]
+        bounds = [_literal_bound(lit, substitution, known) for lit in _literals(rule)]
         single.append(_conjunction(kb, [bound for bound in bounds if bound is not None]))
     return Bound(max(bound.lower for bound in single), max(bound.upper for bound in single))
 

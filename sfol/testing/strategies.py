@@ -15,7 +15,8 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sfol.clauses import Body, Clause
+from sfol.clauses import Body, Clause, parse_rule
+from sfol.connectives import AND, IMPLIES, OR, Joined, Tree
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
@@ -29,16 +30,17 @@ except ImportError as error:
     raise missing_extra("hypothesis", "the strategies need it", extra="testing") from error
 
 # Predicates with their arity. A rule reads only those that stand before its head, so that no
-# knowledge base has a cycle; those behind the first three can be asserted, derived or both.
-_PREDICATES = {"Calm": 1, "Near": 2, "Loud": 1, "Sees": 2, "Warm": 1, "knows": 2, "care": 1,
-               "alarm": 1}  # fmt: skip
-_BASE = 3
+# knowledge base has a cycle; those behind the first four can be asserted, derived or both.
+_PREDICATES = {"Calm": 1, "Near": 2, "Raining": 0, "Between": 3, "Loud": 1, "Sees": 2, "Warm": 1,
+               "knows": 2, "alarm": 0, "gives": 3, "care": 1, "Linked": 4, "worry": 1}  # fmt: skip
+_BASE = 4
 UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
 
-ENTITIES = ("ego", "ada", "bob", "cleo")
+ENTITIES = ("ego", "7", '"Ada B."', "bob")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
 _VARIABLES = ("X", "Y", "Z")
+_PARAMETERS = (*_VARIABLES, "W")
 
 _Literals = st.SearchStrategy[list[Literal]]
 
@@ -64,7 +66,7 @@ def bounds() -> st.SearchStrategy[Bound]:
 
 
 def _terms(names: Sequence[str], count: int) -> st.SearchStrategy[tuple[str, ...]]:
-    constants = st.sampled_from([*ENTITIES[:2], _STRANGER])
+    constants = st.sampled_from([*ENTITIES[:3], _STRANGER])
     term = _mostly(st.sampled_from(names), constants).flatmap(lambda chosen: chosen)
     # An atom that names one variable twice is legal and rare.
     apart = st.lists(term, min_size=count, max_size=count, unique=True)
@@ -83,7 +85,7 @@ def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.S
 def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) -> Atom:
     """Draw an atom in which ``_`` may stand, though not often."""
     atom = draw(_atoms(predicates, names))
-    blank = draw(_mostly((), (0,), (1,), (0, 1)))
+    blank = draw(_mostly((), (0,), (1,), (0, 1), (2,), (0, 2)))
     return Atom(
         atom.predicate,
         tuple(ANONYMOUS if at in blank else term for at, term in enumerate(atom.arguments)),
@@ -118,10 +120,9 @@ LITERALS: Mapping[type[Literal], Callable[[Sequence[str], Sequence[str]], _Liter
 
 
 @st.composite
-def _clauses(draw: st.DrawFn, head: str) -> str:
+def _clauses(draw: st.DrawFn, head: str, names: Sequence[str] = tuple(_PREDICATES)) -> str:
     """Draw the text of a rule for a head: safe, reading only what stands before the head."""
-    order = list(_PREDICATES)
-    readable = order[: order.index(head)]
+    readable = names[: names.index(head)]
     literals = [
         literal
         for kind, drawn in LITERALS.items()
@@ -134,17 +135,43 @@ def _clauses(draw: st.DrawFn, head: str) -> str:
         if not kind.binds:
             literals += draw(drawn(readable, bound))
     body = Body(tuple(draw(st.permutations(literals))))
-    return f"{Clause(Atom(head, arguments), body)}"
+    choice = draw(_choices(readable, bound))
+    if choice is None:
+        return f"{Clause(Atom(head, arguments), body)}"
+    return f"{Atom(head, arguments)} :- {Joined(AND, (*body.literals, choice))}."
 
 
 @st.composite
-def _rules(draw: st.DrawFn) -> dict[str, dict[str, Any]]:
-    heads = draw(st.lists(st.sampled_from(list(_PREDICATES)[_BASE:]), min_size=1, max_size=6))
+def _choices(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> Joined | None:
+    """Draw what may hold in several ways, though not often."""
+    connective = draw(_mostly(None, OR, IMPLIES))
+    if connective is None:
+        return None
+
+    def side(*, negatable: bool) -> Tree:
+        positive = st.builds(
+            Positive, _patterns(readable, bound), st.just(0.0) if negatable else _mostly(0.0, 0.5)
+        )
+        literals = st.one_of(positive, positive, _patterns(readable, bound).map(Negated))
+        pair = st.tuples(st.sampled_from([AND, OR]), st.tuples(literals, literals))
+        sides: st.SearchStrategy[Tree] = _mostly(literals, pair.map(lambda p: Joined(*p))).flatmap(
+            lambda chosen: chosen
+        )
+        return draw(sides)
+
+    return Joined(connective, (side(negatable=connective == IMPLIES), side(negatable=False)))
+
+
+@st.composite
+def _rules(draw: st.DrawFn, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    heads_of = [name for name in names if name in [*_PREDICATES][_BASE:]]
+    heads = draw(st.lists(st.sampled_from(heads_of), min_size=1, max_size=6))
     return {
         f"rule{number}": {
-            "rule": draw(_clauses(head)),
+            "rule": draw(_clauses(head, names)),
             "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
             "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
+            "certainty": draw(_mostly(1.0, 0.5, 0.7, (0.0, 0.5), (0.75, 1.0))),
         }
         for number, head in enumerate(heads)
     }
@@ -168,7 +195,7 @@ def semantics() -> st.SearchStrategy[dict[str, Any]]:
 
 
 def _heads(rules: dict[str, dict[str, Any]]) -> list[str]:
-    return sorted({entry["rule"].partition("(")[0] for entry in rules.values()})
+    return sorted({parse_rule(entry["rule"]).head.predicate for entry in rules.values()})
 
 
 def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
@@ -182,30 +209,37 @@ def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
 
 
 @st.composite
-def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
+def knowledge_base_files(
+    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4)
+) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
 
     They have negation, guards, constants, literals that name a variable twice, several rules per
     head, derived predicates over several strata that may be asserted as well, thresholds met at
     their very value, and every operator.
+
+    Args:
+        draw: given by hypothesis.
+        arities: the numbers of arguments that predicates may have.
     """
-    rules = draw(_rules())
-    unary = [head for head in _heads(rules) if _PREDICATES[head] == 1]
+    names = tuple(name for name, arity in _PREDICATES.items() if arity in arities)
+    rules = draw(_rules(names))
+    weighed = [head for head in _heads(rules) if _PREDICATES[head] <= 1]
     coefficient = st.integers(-16, 16).map(lambda n: n / 8)
     weights = {
         "concern": {
             "normalizer": draw(st.sampled_from([1.0, 2.0, 3.0])),
-            "coefficients": {head: draw(coefficient) for head in unary},
+            "coefficients": {head: draw(coefficient) for head in weighed},
         }
     }
     content = {
         "version": 1,
         "name": "drawn",
         "subject": ENTITIES[0],
-        "background": draw(st.sampled_from([[], ["Calm(ego)"], ["Calm(ego)", "Near(ego, ada)"]])),
+        "background": draw(st.sampled_from([[], ["Calm(ego)"], ["Calm(ego)", "Near(ego, 7)"]])),
         "predicates": {
-            f"{name}({', '.join(_VARIABLES[:arity])})": ""
-            for name, arity in {**_PREDICATES, UNREAD: 1}.items()
+            str(Atom(name, _PARAMETERS[: _PREDICATES.get(name, 1)])): ""
+            for name in (*names, UNREAD)
         },
         "rules": rules,
         "semantics": draw(semantics()),
@@ -218,15 +252,17 @@ def knowledge_base_files(draw: st.DrawFn) -> KnowledgeBaseFile:
                 "parameters": {"k": draw(coefficient)},
             },
             "haste": {"weight": 0.5, "formula": "v"},
-            **draw(_hinges(unary)),
+            **draw(_hinges(weighed)),
         },
     }
     return KnowledgeBaseFile.model_validate(content)
 
 
-def knowledge_bases() -> st.SearchStrategy[KnowledgeBase]:
+def knowledge_bases(
+    arities: Sequence[int] = (0, 1, 2, 3, 4),
+) -> st.SearchStrategy[KnowledgeBase]:
     """Checked knowledge bases of the files that `knowledge_base_files` draws."""
-    return knowledge_base_files().map(KnowledgeBase.of)
+    return knowledge_base_files(arities).map(KnowledgeBase.of)
 
 
 @st.composite
@@ -263,9 +299,11 @@ def facts_for(
     return facts
 
 
-def scenes() -> st.SearchStrategy[tuple[KnowledgeBase, Facts]]:
-    """Knowledge bases, each with facts that fit it."""
-    return knowledge_bases().flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
+def scenes(
+    arities: Sequence[int] = (0, 1, 2, 3, 4),
+) -> st.SearchStrategy[tuple[KnowledgeBase, Facts]]:
+    """Knowledge bases, each with facts that fit it; PyReason has arities of 1 and 2 alone."""
+    return knowledge_bases(arities).flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
 
 
 @st.composite
@@ -283,7 +321,7 @@ def overlays(draw: st.DrawFn, base: KnowledgeBaseFile) -> dict[str, Any]:
     kept = [name for name in names if name not in removed]
     changed = draw(st.lists(st.sampled_from([*kept, "added"]), unique=True, max_size=2))
     # A replaced rule keeps its head, so that weights go on meaning something.
-    heads = {name: entry.rule.partition("(")[0] for name, entry in base.rules.items()}
+    heads = {name: parse_rule(entry.rule).head.predicate for name, entry in base.rules.items()}
     return {
         "version": 1,
         "name": "overlay",

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.logs import Log
 from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode, replay
@@ -88,18 +88,8 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
     return {
         "subject": {"": {"": kb.subject}},
         "background": {str(atom): {} for atom in kb.background},
-        "predicates": {
-            f"{p.name}({', '.join(p.parameters)})": {"": p.description}
-            for p in kb.declared.values()
-        },
-        "rules": {
-            rule.name: {
-                "": str(rule.clause),
-                "threshold": f"{rule.threshold!r}",
-                "negation_threshold": f"{rule.negation_threshold!r}",
-            }
-            for rule in kb.rules.values()
-        },
+        "predicates": {p.signature: {"": p.description} for p in kb.declared.values()},
+        "rules": {name: _rule(parts) for name, parts in kb.written_rules.items()},
         "semantics": {
             "": {
                 **{key: str(value) for key, value in kb.semantics.model_dump().items()},
@@ -153,6 +143,18 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
         "grounding": {
             name: {"": text} for name, text in _flat(kb.grounding.model_dump(mode="json"))
         },
+    }
+
+
+def _rule(parts: Sequence[Rule]) -> dict[str, str]:
+    """Return a rule as it is written, and its parts where it has some."""
+    first = parts[0]
+    return {
+        "": str(first.part_of or first.clause),
+        **{part.name: str(part.clause) for part in parts if part.part_of},
+        "threshold": f"{first.threshold!r}",
+        "negation_threshold": f"{first.negation_threshold!r}",
+        "certainty": f"{first.certainty_entry!r}",
     }
 
 

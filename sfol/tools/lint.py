@@ -140,13 +140,13 @@ def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
         reasons |= {rule.name: why for rule in rules if (why := _why_never(rule, barren))}
         if rules and head not in declared and all(rule.name in reasons for rule in rules):
             barren.add(head)
-    for name in kb.rules:
+    for name, rule in kb.rules.items():
         if name in reasons:
             yield Finding(
                 "SF001",
                 "warning",
-                f"the rule '{name}' can never fire: {reasons[name]}",
-                ("rules", name),
+                f"the rule {rule.called} can never fire: {reasons[name]}",
+                ("rules", rule.entry),
                 "correct or remove it",
             )
 
@@ -166,16 +166,16 @@ def _why_never(rule: Rule, barren: Set[str]) -> str | None:
 
 
 def _contradicts(kb: KnowledgeBase) -> Iterator[Finding]:
-    for name, rule in kb.rules.items():
+    for rule in kb.rules.values():
         for literal in _contradictions(rule.clause.body):
             if not _excludes(rule, literal):
                 most = 1.0 - rule.negation_threshold
                 yield Finding(
                     "SF002",
                     "warning",
-                    f"the rule '{name}' asks for {literal} and for not {literal.atom}: "
+                    f"the rule {rule.called} asks for {literal} and for not {literal.atom}: "
                     f"it holds only while the upper bound is at most {most:g}",
-                    ("rules", name),
+                    ("rules", rule.entry),
                     "remove one of the two literals",
                 )
 
@@ -320,18 +320,18 @@ def _subsumption(kb: KnowledgeBase, general: Rule, special: Rule) -> Finding:
     return Finding(
         "SF005",
         "warning",
-        f"the rule '{special.name}' holds only where '{general.name}' does: {effect}",
-        ("rules", special.name),
+        f"the rule {special.called} holds only where {general.called} does: {effect}",
+        ("rules", special.entry),
         "remove one of the two rules",
     )
 
 
 def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
-    several = [
-        rule.name
+    several = dict.fromkeys(
+        rule.entry
         for rule in kb.rules.values()
         if set(variables(*rule.clause.body.terms)) - set(rule.clause.head.arguments)
-    ]
+    )
     if kb.semantics.pools and several:
         yield Finding(
             "SF006",

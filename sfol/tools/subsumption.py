@@ -137,6 +137,9 @@ def _covers(general: Rule, special: Rule, budget: _Budget) -> bool:
         return False
     if general.negation_threshold > special.negation_threshold:
         return False
+    # What is more certain says more, however seldom it holds.
+    if any(g < s for g, s in zip(general.certainty, special.certainty, strict=True)):
+        return False
     start = general.clause.head.matched(special.clause.head, {})
     targets = defaultdict(list)
     for literal in special.clause.body.literals:

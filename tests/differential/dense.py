@@ -7,7 +7,7 @@ from sfol.engines.batched import Bounds
 from sfol.engines.dense import DenseProgram, Domains
 from sfol.engines.program import Program
 from sfol.engines.tables import Tables
-from sfol.syntax import Atom
+from sfol.syntax import Atom, is_variable
 
 
 def blocks_of(program, scenes, sorts):
@@ -17,7 +17,10 @@ def blocks_of(program, scenes, sorts):
     named += [kb.subject, *(a for atom in kb.background for a in atom.arguments)]
     rules = kb.rules.values()
     named += [
-        a for r in rules for a in r.clause.body.terms + r.clause.head.arguments if a[0].islower()
+        a
+        for r in rules
+        for a in r.clause.body.terms + r.clause.head.arguments
+        if not is_variable(a)
     ]
     names = list(dict.fromkeys(named))
     split = {f"s{i}": tuple(names[i::sorts]) for i in range(sorts)}

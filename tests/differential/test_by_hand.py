@@ -201,3 +201,39 @@ def test_strata(bound):
     kb = program("h(X) :- g(X), P(X).", "g(X) :- V(X), not Q(X).", "V(X) :- P(X).")
     # V .4; g (.4 + 1)/2 = .7; h (.7 + .4)/2 = .55
     assert bound(kb, "P(ego): [0.4, 0.4].") == pytest.approx((0.55, 0.55))
+
+
+# -- certainty, or and implies, names -------------------------------------------------------------
+
+
+def test_certainties_of_two_rules(bound):
+    kb = program(
+        {"rule": "h(X) :- P(X).", "certainty": 0.5},
+        {"rule": "h(X) :- Q(X).", "certainty": [0.25, 1]},
+        {"rule": "h(X) :- R(Y, Z), S(Z, Y), P(X).", "certainty": 0.1},
+        disjunction="probabilistic_sum",
+    )
+    assert bound(kb, "P(ego): [0.4, 0.8].") == pytest.approx((0.2, 0.4))
+    both = bound(kb, "P(ego): [0.4, 0.8]. Q(ego): [0.4, 0.8].")
+    assert both == pytest.approx((1 - 0.8 * 0.9, 1 - 0.6 * 0.2))
+    cyclic = bound(kb, "P(ego): [1, 1]. R(a, b). S(b, a).")
+    assert cyclic == pytest.approx((1 - 0.5 * 0.9, 1 - 0.5 * 0.9))
+
+
+def test_or_and_implies(bound):
+    kb = program("h(X) :- P(X), (Q(X) or R(X, Y)).")
+    assert bound(kb, "P(ego). R(ego, a): [0.4, 0.6].") == pytest.approx((0.7, 0.8))
+    assert bound(kb, "P(ego).") is None
+    kb = program("h(X) :- P(X), (Q(X) implies V(X)).")
+    assert bound(kb, "P(ego).") == (1.0, 1.0)
+    assert bound(kb, "P(ego). Q(ego).") is None
+    assert bound(kb, "P(ego). Q(ego). V(ego): [0.2, 0.4].") == pytest.approx((0.6, 0.7))
+
+
+def test_integers_and_quoted_texts(derived):
+    kb = program('h(X) :- R(X, "Mary (Ann), 1"), X != 7.', "e(-1, X) :- P(X), not Q(X).")
+    found = derived(kb, "R(7, 'Mary (Ann), 1'). R(\"X\", 'Mary (Ann), 1'): [0.5, 0.6]. P(8).")
+    assert found == {
+        Atom("h", ('"X"',)): pytest.approx((0.5, 0.6)),
+        Atom("e", ("-1", "8")): (1.0, 1.0),
+    }

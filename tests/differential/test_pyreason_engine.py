@@ -13,6 +13,7 @@ import pytest
 from sfol import Atom, Facts, KnowledgeBase, RewardFunction
 from sfol.engines.compiled import CompiledEngine
 from sfol.errors import FactError, KnowledgeBaseError, MissingExtraError, UsageError
+from sfol.knowledge_base import KnowledgeBaseFile
 from sfol.operators import CONJUNCTIONS
 from sfol.testing.laws import assert_same
 from tests.differential.programs import program
@@ -48,6 +49,58 @@ def test_a_name_that_pyreason_reads_as_a_quantifier_is_refused(pyreason):
     with pytest.raises(KnowledgeBaseError, match="the predicate 'forall'") as caught:
         pyreason(kb)
     assert caught.value.name == "forall"
+
+
+@pytest.mark.parametrize(
+    ("signature", "rule", "count"),
+    [
+        ("Raining", "h(X) :- P(X), Raining.", 0),
+        ("Raining", "h(X) :- P(X), not Raining.", 0),
+        ("Raining", "Raining :- P(X).", 0),
+        ("Between(X, Y, Z)", "h(X) :- Between(X, X, Y).", 3),
+        ("Gives(X, Y, Z, W)", "h(X) :- P(X), not Gives(X, _, _, _).", 4),
+    ],
+)
+def test_predicates_that_are_neither_of_a_node_nor_of_an_edge_are_refused(
+    pyreason, signature, rule, count
+):
+    content = {
+        "version": 1,
+        "name": "program",
+        "predicates": dict.fromkeys(["P(X)", "h(X)", signature], ""),
+        "rules": {"rule": rule},
+    }
+    kb = KnowledgeBase.of(KnowledgeBaseFile.model_validate(content))
+    name = signature.partition("(")[0]
+    message = f"can't express the predicate '{name}' with {count} arguments"
+    with pytest.raises(KnowledgeBaseError, match=message) as caught:
+        pyreason(kb)
+    assert caught.value.name == name
+    # What no rule reads or concludes is nothing that PyReason has to express.
+    without = KnowledgeBase.of(
+        KnowledgeBaseFile.model_validate({**content, "rules": {"rule": "h(X) :- P(X)."}})
+    )
+    facts = Facts.parse("P(ego).")
+    assert_same(
+        CompiledEngine(without).conclude(facts).derived, pyreason(without).conclude(facts).derived
+    )
+
+
+def test_a_program_names_integers_and_texts_so_that_pyreason_can_read_them(library, runtime):
+    kb = program('h(X) :- R(X, "Mary Ann"), S(X, 7).')
+    graph, rules, _ = kb.to_pyreason(Facts.parse('R(ego, "Mary Ann"). S(ego, 7).'))
+    assert set(graph.nodes) == {"ego", "integer.7", "text.4d61727920416e6e"}
+    assert len(rules) == 1
+
+
+def test_the_trace_has_the_constants_of_the_knowledge_base(pyreason):
+    (row,) = pyreason(program("h(X) :- P(X), R(X, Y).")).trace(
+        Facts.parse('P(ego). R(ego, "A, b").')
+    )
+    assert {found for _, found in row.clauses} == {
+        (Atom("P", ("ego",)),),
+        (Atom("R", ("ego", '"A, b"')),),
+    }
 
 
 def test_facts_that_do_not_fit(pyreason):

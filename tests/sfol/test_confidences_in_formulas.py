@@ -113,9 +113,9 @@ def test_a_head_that_an_overlay_removed_is_zero(kitchen, tmp_path):
         ({HINGE_FROM: "haste: {weight: 1, formula: careful, parameters: {careful: 2.0}}"},
          "'careful' is a parameter and a head"),
         (changed("k * carefull"), "Did you mean 'careful'"),
-        (changed("k * Hot"), "'Hot', which is no signal, parameter or unary head"),
+        (changed("k * Hot"), "'Hot', which is no signal, parameter or head of the subject"),
         (changed("k * beside", **{"rules:": "rules:\n  beside: beside(X, Y) :- Near(X, Y), Hot(X)."}),
-         "'beside', which is no signal, parameter or unary head"),
+         "'beside', which is no signal, parameter or head of the subject"),
     ],
 )  # fmt: skip
 def test_names_that_could_mean_two_things_or_none_are_refused(kitchen, changes, message):

@@ -70,9 +70,12 @@ def test_a_predicate_may_be_called_not():
     ("text", "offset", "message"),
     [
         ("h(X)", 4, "':-' is expected where the text ends"),
+        ("h(X) :- P(A, B, C, D, E).", 23, "'P' has more than 4 arguments"),
+        ("h(X) :- P(X), not.", 17, "a predicate is expected where '.' stands"),
+        ("implies :- P.", 0, "'implies' is no predicate without arguments"),
         ("h(X) :- P(X)", 12, "'.' is expected where the text ends"),
         ("h(X) :- P(X), .", 14, "a predicate is expected where '.' stands"),
-        ("h(X) :- P(X, Y, Z).", 14, "')' is expected where ',' stands"),
+        ("h(X) :- P(X, Y Z).", 15, "')' is expected where 'Z' stands"),
         ("h() :- P(X).", 2, "an argument is expected where ')' stands"),
         ("h(X) :- P(X). Q(X).", 14, "the end is expected where 'Q' stands"),
         ("h(X) :- P(X) & Q(X).", 13, "the character '&' has no place"),

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfol.clauses import parse_clause
+from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import Rule
 from sfol.literals import NotEqual
 from sfol.syntax import variables
@@ -13,8 +14,8 @@ from sfol.tools.subsumption import compared
 from tests.sfol.work import calls
 
 
-def rule(name, text, threshold=0.0, negation_threshold=0.5):
-    return Rule(name, parse_clause(text), "", threshold, negation_threshold)
+def rule(name, text, threshold=0.0, negation_threshold=0.5, certainty=TRUE):
+    return Rule(name, parse_clause(text), "", threshold, negation_threshold, certainty)
 
 
 def covers_by_trying(general, special):
@@ -22,6 +23,11 @@ def covers_by_trying(general, special):
     if general.threshold > special.threshold:
         return False
     if general.negation_threshold > special.negation_threshold:
+        return False
+    if not (
+        general.certainty[0] >= special.certainty[0]
+        and general.certainty[1] >= special.certainty[1]
+    ):
         return False
     names = variables(*general.clause.head.arguments, *general.clause.body.terms)
     terms = {*special.clause.head.arguments, *special.clause.body.terms}
@@ -53,7 +59,8 @@ def rules(draw, name):
     if draw(st.booleans()):
         body.append(f"{draw(st.sampled_from(known))} != {draw(st.sampled_from(known))}")
     numbers = st.sampled_from([0.0, 0.5])
-    return rule(name, f"h(X) :- {', '.join(body)}.", draw(numbers), draw(numbers))
+    certainty = draw(st.sampled_from([TRUE, TRUE, Bound(0.5, 0.5), Bound(0.5, 1.0)]))
+    return rule(name, f"h(X) :- {', '.join(body)}.", draw(numbers), draw(numbers), certainty)
 
 
 @settings(max_examples=150)
