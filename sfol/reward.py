@@ -15,7 +15,7 @@ from sfol.arrays import Array, Backend, backend_of
 from sfol.engines.batch import Batch, encode
 from sfol.engines.batched import Bounds, conclude
 from sfol.engines.conclusions import Conclusions
-from sfol.engines.dense import DenseProgram, Domains
+from sfol.engines.dense import DenseProgram, Domains, Key
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
@@ -444,14 +444,32 @@ class RewardFunction:
         Raises:
             The errors of `observe`.
         """
-        step = ObservedStep(observation, next_observation=observation)
-        # None of the signals is read.
-        scenes = self._scenes_reader.read(
-            step, given=dict.fromkeys(self.kb.signals, 0.0), numbers=self._all_numbers()
-        )
+        scenes = self._scenes_alone(observation)
         backend = scenes.backend
         confidences = self._array_confidences(self._scene_bounds(scenes), backend)
         return self._array_weights(confidences, backend.full(scenes.size, 0.0))
+
+    def fired_of_many(self, observation: Observation, /) -> dict[str, Array]:
+        """Return which rules fire in B states, as `Outcome.fired` does for one.
+
+        Args:
+            observation: of B scenes, as for `transition`.
+
+        Returns:
+            rule → bool (B,), whether it concluded something, for whichever entity.
+
+        Raises:
+            The errors of `observe`; WorkLimitError if a rule needs too large an array.
+        """
+        scenes = self._scenes_alone(observation)
+        concluded, sizes = self._concluded_blocks(scenes)
+        return self._dense.fired(concluded, scenes.backend, sizes, scenes.size)
+
+    def _scenes_alone(self, observation: Observation) -> Scenes:
+        """Read B states, and none of the signals."""
+        step = ObservedStep(observation, next_observation=observation)
+        given = dict.fromkeys(self.kb.signals, 0.0)
+        return self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
 
     def entity_weights(
         self, facts: Facts | Conclusions, entities: Iterable[str]
@@ -544,8 +562,13 @@ class RewardFunction:
         return self._arrays_outcome(bounds, signals, scenes.size, scenes.backend)
 
     def _scene_bounds(self, scenes: Scenes) -> dict[str, Bounds]:
+        concluded, _ = self._concluded_blocks(scenes)
+        return self._dense.of_subject(concluded, scenes.backend, scenes.size)
+
+    def _concluded_blocks(self, scenes: Scenes) -> tuple[dict[Key, Bounds], dict[str, int]]:
+        """Return everything that is known of scenes, and how many entities there are."""
         backend, dense = scenes.backend, self._dense
-        blocks: dict[tuple[str, tuple[str, ...]], Bounds] = {}
+        blocks: dict[Key, Bounds] = {}
         for atom in self.kb.background:
             shape = (1,) * (len(atom.arguments) + 1)
             one = backend.full(1, 1.0).reshape(shape)
@@ -554,8 +577,7 @@ class RewardFunction:
         for (predicate, slots), block in scenes.blocks.items():
             blocks[predicate, dense.domains.of_slots(slots)] = Bounds(*block)
         sizes = {**dense.domains.sizes, **scenes.sizes}
-        concluded = dense.conclude(blocks, backend, sizes)
-        return dense.of_subject(concluded, backend, scenes.size)
+        return dense.conclude(blocks, backend, sizes), sizes
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:

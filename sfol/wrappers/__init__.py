@@ -7,8 +7,9 @@ try:
 except ImportError as error:
     raise missing_extra("gymnasium", "the wrappers need it", extra="gymnasium") from error
 
-from sfol.wrappers.modes import EPISODE, log_items
-from sfol.wrappers.single import RuleReward, Transition
+from sfol.wrappers.judging import Transition
+from sfol.wrappers.modes import EPISODE, FIRED, log_items
+from sfol.wrappers.single import RuleReward
 from sfol.wrappers.vector import VectorRuleReward
 
-__all__ = ["EPISODE", "RuleReward", "Transition", "VectorRuleReward", "log_items"]
+__all__ = ["EPISODE", "FIRED", "RuleReward", "Transition", "VectorRuleReward", "log_items"]

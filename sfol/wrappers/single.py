@@ -2,53 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, SupportsFloat, TypeVar
+from typing import Any, SupportsFloat
 
 import gymnasium
 
-from sfol.errors import UsageError, expect
+from sfol.errors import expect
 from sfol.facts import Facts
-from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
+from sfol.wrappers.judging import Action, Judge, Observation, Transition
 from sfol.wrappers.modes import (
     EPISODE,
     EpisodeSums,
     check_reads,
     expect_function,
-    log_items,
-    named,
     shaping_of,
-    total,
 )
-
-Observation = TypeVar("Observation")
-Action = TypeVar("Action")
-
-
-@dataclass(frozen=True)
-class Transition(Generic[Observation, Action]):
-    """One step (s, a, s') of an environment.
-
-    Attributes:
-        observation: of s.
-        action: a.
-        next_observation: of s'.
-        native: the environment's own reward.
-        terminated: whether the step terminated the episode.
-        truncated: whether the episode was truncated after it.
-        info: what the environment says of the step.
-    """
-
-    observation: Observation
-    action: Action
-    next_observation: Observation
-    native: SupportsFloat
-    terminated: bool
-    truncated: bool
-    info: Mapping[str, Any]
 
 
 class RuleReward(
@@ -103,13 +72,7 @@ class RuleReward(
         expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
         expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
         expect_function(signals, "signals", "give a function of a Transition → signals")
-        shaping = shaping_of(reward, mode, potential, discount)
-        if shaping and signals:
-            raise UsageError(
-                "a potential has no signals of a transition",
-                name="signals",
-                suggestion="leave the function out",
-            )
+        shaping = shaping_of(reward, mode, potential, discount, signals=signals)
         check_reads(
             reward,
             facts=facts is None,
@@ -128,10 +91,9 @@ class RuleReward(
             _disable_deepcopy=True,
         )
         gymnasium.Wrapper.__init__(self, env)
-        self._reward = reward
-        self._facts_of = facts
-        self._signals_of = signals
-        self._shaping = shaping
+        self._judge: Judge[Observation, Action] = Judge(
+            reward, facts=facts, signals=signals, shaping=shaping, context=(env,)
+        )
         self._mode = mode
 
     def reset(
@@ -139,67 +101,24 @@ class RuleReward(
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._remember(observation, info)
+        self._judge.begin(observation, info)
         self._sums = EpisodeSums()
         return observation, info
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step and reward it; see `gymnasium.Env.step`."""
         observation, original, terminated, truncated, info = self.env.step(action)
-        transition = Transition(
-            self._observation, action, observation, original, terminated, truncated, info
+        before = self._judge.observation
+        given = self._judge.step(
+            Transition(before, action, observation, original, terminated, truncated, info)
         )
-        ruled, terms, items = self._ruled(transition)
-        value = ruled if self._mode == "replace" else float(original) + ruled
-        self._sums.add(value, float(original), terms)
-        info = {**info, **items, "original_reward": original}
+        value = given.value if self._mode == "replace" else float(original) + given.value
+        self._sums.add(value, float(original), given.terms)
+        info = {**info, **given.items, "original_reward": original}
         if terminated or truncated:
             info[EPISODE] = self._sums.items()
         return observation, value, terminated, truncated, info
 
-    def _ruled(
-        self, transition: Transition[Observation, Action]
-    ) -> tuple[float, Mapping[str, float], dict[str, float]]:
-        """Return what the rules give for a step, its summands, and the items of info."""
-        if self._shaping is None:
-            outcome = self._judged(transition)
-            return outcome.reward, outcome.terms, log_items(outcome)
-        before = self._potential
-        self._remember(transition.next_observation, transition.info)
-        terms = self._shaping.terms(before, self._potential, transition.terminated)
-        return total(terms), terms, named(reward=terms, potential=self._potential)
-
-    def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
-        signals, before = self._signals(transition), self._facts
-        self._remember(transition.next_observation, transition.info)
-        facts = before if self._reward.kb.facts_at == "state" else self._facts
-        return self._reward.evaluate(facts, **signals)
-
-    def _remember(self, observation: Observation, info: Mapping[str, Any]) -> None:
-        # Environments may use one array for all their observations.
-        self._observation = copy.deepcopy(observation)
-        if self._facts_of is None:
-            self._facts = self._reward.observe(observation)
-        else:
-            self._facts = self._facts_of(observation, info, self.env)
-        if self._shaping is not None:
-            self._potential = self._potential_of(observation, self._shaping.weight)
-
-    def _potential_of(self, observation: Observation, weight: str | None) -> Mapping[str, float]:
-        """Return the summands of the potential of the state whose facts are remembered."""
-        if weight is not None:
-            return {weight: self._reward.weights(self._facts)[weight]}
-        signals = self._reward.observe_signals(observation)
-        return self._reward.evaluate(self._facts, **signals).terms
-
-    def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
-        given = {} if self._signals_of is None else self._signals_of(transition)
-        return self._reward.observe_signals(
-            transition.observation,
-            transition.action,
-            transition.next_observation,
-            transition.native,
-            transition.terminated,
-            transition.truncated,
-            **given,
-        )
+    def report_fired(self, *, whether: bool = True) -> None:
+        """Say whether ``info`` gets ``sfol.fired``: rule → whether it concluded something."""
+        self._judge.reports_fired = whether
