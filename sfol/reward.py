@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMappin
 from dataclasses import replace
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, SupportsIndex, overload
 
 from sfol import arrays
 from sfol.arrays import Array, Backend, backend_of
@@ -24,6 +24,7 @@ from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
+from sfol.knowledge_base.schedules import values_at
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import Scenes, ScenesReader
 from sfol.observations.plans import Observation, ObservedStep, read_for_facts
@@ -224,6 +225,46 @@ class RewardFunction:
             for name, term in self.kb.terms.items()
         }
         return replace(self.kb, weights=weights, terms=terms)
+
+    def apply_schedules(
+        self, *, steps: int | None = None, episodes: int | None = None
+    ) -> dict[str, float]:
+        """Set every number that the knowledge base schedules to its value in a training.
+
+        Until this is called, and wherever nobody is trained, the file's own numbers count. It
+        depends on nothing that was set before, so a training that is resumed calls it with all
+        steps since its beginning.
+
+        Args:
+            steps: how many steps were taken, over all environments.
+            episodes: how many episodes have ended, likewise; either may be left out if no schedule
+                counts it.
+
+        Returns:
+            The name of each number, as the file has it → its value.
+
+        Raises:
+            UsageError: something that is counted is not given, or is no number from 0 up.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> from sfol.knowledge_base import ScheduledNumber
+            >>> grows = ScheduledNumber("weights", "safety", "safe2", 0.0, 1.0, over=100_000)
+            >>> kb = replace(KnowledgeBase.load("aeb"), schedules={"weights.safety.safe2": grows})
+            >>> RewardFunction(kb).apply_schedules(steps=25_000)
+            {'weights.safety.safe2': 0.25}
+        """
+        counted = {scheduled.by for scheduled in self.kb.schedules.values()}
+        values = values_at(
+            self.kb.schedules,
+            _count("steps", steps, needed="steps" in counted),
+            _count("episodes", episodes, needed="episodes" in counted),
+        )
+        for target, value in values.items():
+            scheduled = self.kb.schedules[target]
+            groups = self.coefficients if scheduled.section == "weights" else self.parameters
+            groups[scheduled.group][scheduled.name] = value
+        return values
 
     def facts(self) -> Facts:
         """Return an empty set of facts with the knowledge base's margin."""
@@ -678,6 +719,18 @@ class RewardFunction:
     @staticmethod
     def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:
         return ((name, dict(numbers)) for name, numbers in groups.items())
+
+
+def _count(what: str, value: object, *, needed: bool) -> int:
+    if value is None and not needed:
+        return 0
+    if isinstance(value, bool) or not isinstance(value, SupportsIndex) or int(value) < 0:
+        raise UsageError(
+            f"the {what} of the training are {value!r:.80}",
+            name=what,
+            suggestion=f"give how many there were, such as {what}=1000",
+        )
+    return int(value)
 
 
 def _facts(facts: Facts) -> Facts:

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from sfol.knowledge_base.format import FORMAT_VERSION, Case
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule
+from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule, ScheduledNumber
 
 _HEAD = ("version", "name", "description", "subject", "background")
 _WIDTH = 100
@@ -65,6 +65,11 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
             )
             for term in kb.terms.values()
         },
+        "schedules": {
+            target: _scheduled(number)
+            for target, number in kb.schedules.items()
+            if number.section == "terms" or number.name in kb.heads
+        },
         "entity_weights": [
             _without_defaults(
                 {"when": str(e.when), "weight": e.weight, "at_least": e.at_least}, {"at_least": 0.5}
@@ -105,6 +110,11 @@ def _fact(fact: ObservedFact) -> str | dict[str, Any]:
         {"bounds": "margin", "at_least": 0.0},
     )
     return entry if len(entry) > 1 else fact.formula.text
+
+
+def _scheduled(number: ScheduledNumber) -> dict[str, Any]:
+    entry = {"from": number.start, "to": number.end, "over": number.over, "by": number.by}
+    return _without_defaults(entry, {"by": "steps"})
 
 
 def _case(kb: KnowledgeBase, case: Case) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from sfol.errors import UsageError, expect
 from sfol.facts import Facts
+from sfol.knowledge_base import ScheduledNumber
 from sfol.observations.plans import Observation
 from sfol.reward import RewardFunction
 from sfol.wrappers.judging import Judge, Transition
@@ -77,6 +78,7 @@ class VecRuleReward(VecEnvWrapper):
             instead=", or give {}=…",
         )
         super().__init__(venv)
+        self._reward = reward
         self._mode = mode
         self._panel: _Panel = (
             _Together(reward, shaping)
@@ -117,6 +119,15 @@ class VecRuleReward(VecEnvWrapper):
             self._sums.restart(dones)
         self._panel.go_on(observations, step, self.venv.unwrapped.reset_infos)
         return observations, rewards, dones, infos
+
+    @property
+    def schedules(self) -> Mapping[str, ScheduledNumber]:
+        """The numbers of the knowledge base that change while an agent is trained."""
+        return self._reward.kb.schedules
+
+    def apply_schedules(self, *, steps: int, episodes: int) -> dict[str, float]:
+        """Set the scheduled numbers of the reward; see `RewardFunction.apply_schedules`."""
+        return self._reward.apply_schedules(steps=steps, episodes=episodes)
 
     def report_fired(self, *, whether: bool = True) -> None:
         """Say whether infos get ``sfol.fired``: rule → whether it concluded something."""

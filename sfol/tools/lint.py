@@ -23,6 +23,7 @@ again.
 | SF014 | warning | a test that expects nothing |
 | SF015 | warning | a part of the observation, or a sort, that nothing reads |
 | SF016 | warning | a predicate that rules read, and neither a fact of the file nor a rule gives |
+| SF020 | warning | a schedule that ends at another number than the file's own |
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 17))
+_CODES = frozenset(f"SF{number:03}" for number in (*range(1, 17), 20))
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
 
@@ -87,6 +88,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _expects_nothing,
         _unread,
         _ungiven,
+        _ends_elsewhere,
         _subsumed,
         _not_monotone,
     )
@@ -276,6 +278,20 @@ def _ungiven(kb: KnowledgeBase) -> Iterator[Finding]:
                 f"rules read the predicate '{name}', of which nothing is known: no fact gives it",
                 ("predicates", name),
                 "add it to facts",
+            )
+
+
+def _ends_elsewhere(kb: KnowledgeBase) -> Iterator[Finding]:
+    for target, scheduled in kb.schedules.items():
+        own = kb.number(scheduled)
+        if own != scheduled.end:
+            yield Finding(
+                "SF020",
+                "warning",
+                f"the schedule of '{target}' ends at {scheduled.end:g}, but wherever nobody is "
+                f"trained, in tests and explanations, it is {own:g}",
+                ("schedules", target),
+                f"let it end at {own:g}, or change the number",
             )
 
 

@@ -9,6 +9,7 @@ import gymnasium
 
 from sfol.errors import expect
 from sfol.facts import Facts
+from sfol.knowledge_base import ScheduledNumber
 from sfol.reward import RewardFunction
 from sfol.wrappers.judging import Action, Judge, Observation, Transition
 from sfol.wrappers.modes import (
@@ -94,6 +95,7 @@ class RuleReward(
         self._judge: Judge[Observation, Action] = Judge(
             reward, facts=facts, signals=signals, shaping=shaping, context=(env,)
         )
+        self._reward = reward
         self._mode = mode
 
     def reset(
@@ -118,6 +120,15 @@ class RuleReward(
         if terminated or truncated:
             info[EPISODE] = self._sums.items()
         return observation, value, terminated, truncated, info
+
+    @property
+    def schedules(self) -> Mapping[str, ScheduledNumber]:
+        """The numbers of the knowledge base that change while an agent is trained."""
+        return self._reward.kb.schedules
+
+    def apply_schedules(self, *, steps: int, episodes: int) -> dict[str, float]:
+        """Set the scheduled numbers of the reward; see `RewardFunction.apply_schedules`."""
+        return self._reward.apply_schedules(steps=steps, episodes=episodes)
 
     def report_fired(self, *, whether: bool = True) -> None:
         """Say whether ``info`` gets ``sfol.fired``: rule → whether it concluded something."""

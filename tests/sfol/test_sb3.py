@@ -313,6 +313,89 @@ def test_environments_without_rules_are_refused(drift):
         trained(DummyVecEnv([Boat]))
 
 
+# -- schedules ----------------------------------------------------------------------------------
+
+SCHEDULES = """
+schedules:
+  weights.far.far: {from: 0, to: 2, over: 512}
+  terms.price.price: {from: 1, to: 5, over: 60, by: episodes}
+"""
+SCHEDULED = (
+    ("terms:\n", "terms:\n  price: {weight: 1, formula: -price, parameters: {price: 5}}\n"),
+    ("  age: {weight: 1, formula: age}\n", "  age: {weight: 1, formula: age}\n" + SCHEDULES),
+)
+
+
+def continued(model, envs, steps, **given):
+    """Train a model further, and return what was logged."""
+    kept = Kept()
+    model.set_env(envs)
+    model.set_logger(Logger(None, [kept]))
+    callback = RuleRewardCallback(**given)
+    model.learn(steps, callback=callback, log_interval=1, reset_num_timesteps=False)
+    return kept.dumps
+
+
+def scheduled(dumps):
+    return [(d["Schedule/weights.far.far"], d["Schedule/terms.price.price"]) for d in dumps]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_schedules_go_on_in_every_environment(drift, kind):
+    envs = Seen(wrapped(kind, drift("state", *SCHEDULED)))
+    _, dumps = trained(envs, steps=512)
+    envs.close()
+    assert len(dumps) == 4
+    ended = 0
+    for number, dump in enumerate(dumps):
+        infos = [i for many in envs.infos[64 * number : 64 * (number + 1)] for i in many]
+        share, price = 128 * number / 512, 1 + 4 * min(ended / 60, 1)
+        assert scheduled([dump]) == [(pytest.approx(2 * share), pytest.approx(price))]
+        for info in infos:
+            assert info["weight_far"] == pytest.approx(2 * share * info["confidence_far"])
+            assert info["reward_price"] == pytest.approx(-price)
+        ended += sum(EPISODE in info for info in infos)
+    assert ended > 60
+
+
+@pytest.mark.parametrize("kind", ["VecRuleReward", "SubprocVecEnv"])
+def test_a_training_that_is_resumed_goes_on_at_the_right_step(drift, tmp_path, kind):
+    envs = [wrapped(kind, drift("state", *SCHEDULED)) for _ in range(2)]
+    model, first = trained(envs[0], steps=256)
+    model.save(tmp_path / "model.zip")
+    again = PPO.load(tmp_path / "model.zip")
+    second = continued(again, envs[1], 256)
+    third = continued(again, envs[1], 128)
+    for many in envs:
+        many.close()
+    found = scheduled([*first, *second, *third])
+    assert [share for share, _ in found] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    prices = [price for _, price in found]
+    assert prices[0] == 1.0 < prices[1] < prices[2] < 5.0 == prices[4]
+
+
+def test_a_training_that_begins_anew_has_its_schedules_from_the_beginning(drift):
+    model, _ = trained(wrapped("VecRuleReward", drift("state", *SCHEDULED)), steps=256)
+    kept = Kept()
+    model.set_logger(Logger(None, [kept]))
+    model.learn(128, callback=RuleRewardCallback(), log_interval=1)
+    assert scheduled(kept.dumps) == [(0.0, 1.0)]
+
+
+def test_episodes_that_nobody_counted_are_asked_for(drift):
+    reward = drift("state", *SCHEDULED)
+    envs = wrapped("VecRuleReward", reward)
+    model = PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=1)
+    model.learn(128)
+    with pytest.raises(sfol.errors.UsageError, match="nobody counted"):
+        continued(model, envs, 128)
+    dumps = continued(model, envs, 128, episodes=10)
+    assert scheduled(dumps) == [(0.5, pytest.approx(1 + 4 * 10 / 60))]
+
+
+# -- what is missing ----------------------------------------------------------------------------
+
+
 def test_what_is_missing_is_named():
     code = (
         "import sys; sys.modules['stable_baselines3'] = None\n"
