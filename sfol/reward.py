@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMappin
 from dataclasses import replace
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, SupportsIndex, overload
 
 from sfol import arrays
 from sfol.arrays import Array, Backend, backend_of
 from sfol.engines.batch import Batch, encode
 from sfol.engines.batched import Bounds, conclude
 from sfol.engines.conclusions import Conclusions
-from sfol.engines.dense import DenseProgram, Domains
+from sfol.engines.dense import DenseProgram, Domains, Key
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
@@ -33,6 +33,7 @@ from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, RewardTerm
 from sfol.knowledge_base.observing import entity_names
+from sfol.knowledge_base.schedules import values_at
 from sfol.knowledge_base.silence import silences
 from sfol.literals.search import WORK_LIMIT
 from sfol.observations.many import Scenes, ScenesReader
@@ -260,6 +261,46 @@ class RewardFunction:
         other.coefficients, other.parameters = self.coefficients, self.parameters
         return other
 
+    def apply_schedules(
+        self, *, steps: int | None = None, episodes: int | None = None
+    ) -> dict[str, float]:
+        """Set every number that the knowledge base schedules to its value in a training.
+
+        Until this is called, and wherever nobody is trained, the file's own numbers count. It
+        depends on nothing that was set before, so a training that is resumed calls it with all
+        steps since its beginning.
+
+        Args:
+            steps: how many steps were taken, over all environments.
+            episodes: how many episodes have ended, likewise; either may be left out if no schedule
+                counts it.
+
+        Returns:
+            The name of each number, as the file has it → its value.
+
+        Raises:
+            UsageError: something that is counted is not given, or is no number from 0 up.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> from sfol.knowledge_base import ScheduledNumber
+            >>> grows = ScheduledNumber("weights", "safety", "safe2", 0.0, 1.0, over=100_000)
+            >>> kb = replace(KnowledgeBase.load("aeb"), schedules={"weights.safety.safe2": grows})
+            >>> RewardFunction(kb).apply_schedules(steps=25_000)
+            {'weights.safety.safe2': 0.25}
+        """
+        counted = {scheduled.by for scheduled in self.kb.schedules.values()}
+        values = values_at(
+            self.kb.schedules,
+            _count("steps", steps, needed="steps" in counted),
+            _count("episodes", episodes, needed="episodes" in counted),
+        )
+        for target, value in values.items():
+            scheduled = self.kb.schedules[target]
+            groups = self.coefficients if scheduled.section == "weights" else self.parameters
+            groups[scheduled.group][scheduled.name] = value
+        return values
+
     def facts(self) -> Facts:
         """Return an empty set of facts with the knowledge base's margin."""
         return Facts(margin=self.kb.grounding.margin)
@@ -482,14 +523,32 @@ class RewardFunction:
         Raises:
             The errors of `observe`.
         """
-        step = ObservedStep(observation, next_observation=observation)
-        # None of the signals is read.
-        scenes = self._scenes_reader.read(
-            step, given=dict.fromkeys(self.kb.signals, 0.0), numbers=self._all_numbers()
-        )
+        scenes = self._scenes_alone(observation)
         backend = scenes.backend
         confidences = self._array_confidences(self._scene_bounds(scenes), backend)
         return self._array_weights(confidences, backend.full(scenes.size, 0.0))
+
+    def fired_of_many(self, observation: Observation, /) -> dict[str, Array]:
+        """Return which rules fire in B states, as `Outcome.fired` does for one.
+
+        Args:
+            observation: of B scenes, as for `transition`.
+
+        Returns:
+            rule → bool (B,), whether it concluded something, for whichever entity.
+
+        Raises:
+            The errors of `observe`; WorkLimitError if a rule needs too large an array.
+        """
+        scenes = self._scenes_alone(observation)
+        concluded, sizes = self._concluded_blocks(scenes)
+        return self._dense.fired(concluded, scenes.backend, sizes, scenes.size)
+
+    def _scenes_alone(self, observation: Observation) -> Scenes:
+        """Read B states, and none of the signals."""
+        step = ObservedStep(observation, next_observation=observation)
+        given = dict.fromkeys(self.kb.signals, 0.0)
+        return self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
 
     def entity_weights(
         self, facts: Facts | Conclusions, entities: Iterable[str]
@@ -604,8 +663,13 @@ class RewardFunction:
         return self._arrays_outcome(bounds, signals, scenes.size, scenes.backend)
 
     def _scene_bounds(self, scenes: Scenes) -> dict[str, Bounds]:
+        concluded, _ = self._concluded_blocks(scenes)
+        return self._dense.of_subject(concluded, scenes.backend, scenes.size)
+
+    def _concluded_blocks(self, scenes: Scenes) -> tuple[dict[Key, Bounds], dict[str, int]]:
+        """Return everything that is known of scenes, and how many entities there are."""
         backend, dense = scenes.backend, self._dense
-        blocks: dict[tuple[str, tuple[str, ...]], Bounds] = {}
+        blocks: dict[Key, Bounds] = {}
         for atom in self.kb.background:
             shape = (1,) * (len(atom.arguments) + 1)
             one = backend.full(1, 1.0).reshape(shape)
@@ -614,8 +678,7 @@ class RewardFunction:
         for (predicate, slots), block in scenes.blocks.items():
             blocks[predicate, dense.domains.of_slots(slots)] = Bounds(*block)
         sizes = {**dense.domains.sizes, **scenes.sizes}
-        concluded = dense.conclude(blocks, backend, sizes)
-        return dense.of_subject(concluded, backend, scenes.size)
+        return dense.conclude(blocks, backend, sizes), sizes
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:
@@ -717,6 +780,18 @@ class RewardFunction:
     @staticmethod
     def _numbers(groups: Mapping[str, Numbers]) -> Iterable[tuple[str, dict[str, float]]]:
         return ((name, dict(numbers)) for name, numbers in groups.items())
+
+
+def _count(what: str, value: object, *, needed: bool) -> int:
+    if value is None and not needed:
+        return 0
+    if isinstance(value, bool) or not isinstance(value, SupportsIndex) or int(value) < 0:
+        raise UsageError(
+            f"the {what} of the training are {value!r:.80}",
+            name=what,
+            suggestion=f"give how many there were, such as {what}=1000",
+        )
+    return int(value)
 
 
 def _facts(facts: Facts) -> Facts:

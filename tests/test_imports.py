@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("sfol", "vsr", "env")
-HEAVY = ("torch", "pyreason", "scipy", "gymnasium", "pybullet", "numba")
+HEAVY = ("torch", "stable_baselines3", "pyreason", "scipy", "gymnasium", "pybullet", "numba")
 
 # Each room may import the rooms of its package that stand before it, and those beside it in braces
 # not at all. A module at the top of a package is a room of its own, unless it is one of the ground.
@@ -56,6 +56,7 @@ ORDER = {
         {"explain"},
         {"reward"},
         {"", "wrappers"},
+        {"sb3"},
         {"testing"},
         {"tools"},
         {"cli"},

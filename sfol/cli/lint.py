@@ -39,14 +39,15 @@ def lint(
     """Find what is allowed in knowledge bases, but most likely not meant.
 
     SF001 a rule that can never fire · SF002 an atom and its negation in one body · SF003 a
-    predicate that nothing reads · SF004 a weight that names a head without a rule · SF005 a rule
-    that holds only where another one does · SF006 averages over several groundings (info) · SF017
-    averages that jump from 0 (info) · SF018 a head that no rule concludes about the subject · SF019
-    a constant that only one rule names · SF020 a rule that no entity fits · SF009 rules that were
-    not compared for SF005, as that takes too long (info) · SF010 a weight that no term uses · SF011
-    a signal that no formula reads · SF013 a comment that ignores what is no code · and on the
-    recorded episodes of a log: SF007 one term is nearly all of the reward · SF008 worse endings
-    return more than better ones · SF012 endings that `--endings` does not name.
+    predicate that nothing reads · SF004 a weight that names a head without a rule · SF005 a
+    rule that holds only where another one does · SF006 averages over several groundings (info)
+    · SF017 averages that jump from 0 (info) · SF018 a head that no rule concludes about the
+    subject · SF019 a constant that only one rule names · SF020 a rule that no entity fits ·
+    SF009 rules that were not compared for SF005, as that takes too long (info) · SF010 a weight
+    that no term uses · SF011 a signal that no formula reads · SF013 a comment that ignores what
+    is no code · SF021 a schedule that ends elsewhere than the file · and on the recorded
+    episodes of a log: SF007 one term is nearly all of the reward · SF008 worse endings return
+    more than better ones · SF012 endings that `--endings` does not name.
 
     A comment `# sfol: ignore SF003` on the line of a finding, or above it, hides it.
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ Axes = tuple[str, ...]  # the domain of each argument
 Key = tuple[str, Axes]  # a predicate, and the domains of its arguments
 Blocks = Mapping[Key, Bounds]
 Sizes = Mapping[str, int]  # domain → how many entities it has
+_NONE: Names = frozenset()
 _Argument = str | int  # a variable, or a place in the argument's domain
 
 
@@ -155,6 +156,7 @@ class DenseProgram:
             rules = [list(self._typed(rule, known)) for rule in program.needed_rules(head)]
             self._strata.append((head, rules))
             known.setdefault(head, {}).update((t.axes, None) for rule in rules for t in rule)
+        self._known = known
 
     def conclude(self, blocks: Blocks, backend: Backend, sizes: Sizes) -> dict[Key, Bounds]:
         """Return the blocks, with everything that follows from them.
@@ -169,6 +171,29 @@ class DenseProgram:
         for head, rules in self._strata:
             evaluation.stratum(head, rules)
         return evaluation.blocks
+
+    def fired(self, blocks: Blocks, backend: Backend, sizes: Sizes, size: int) -> dict[str, Array]:
+        """Tell which rules conclude something, for whichever entity: rule → bool (B,).
+
+        Args:
+            blocks: that `conclude` returned.
+            backend: the library of arrays.
+            sizes: domain → how many entities it has here.
+            size: B, the number of scenes.
+
+        Raises:
+            WorkLimitError: a rule would need too large an array for each scene.
+        """
+        evaluation = _Evaluation(self, blocks, backend, sizes, self._offsets)
+        return {
+            name: backend.broadcast(evaluation.holds(typed), (size,))
+            for name, typed in self._for_whichever.items()
+        }
+
+    @cached_property  # few ask which rules fired
+    def _for_whichever(self) -> dict[str, list[_Typed]]:
+        rules = (rule for head in self.program.rules.values() for rule, _ in head)
+        return {rule.name: list(self._typed((rule, {}), self._known, _NONE)) for rule in rules}
 
     def of_subject(self, blocks: Blocks, backend: Backend, size: int) -> dict[str, Bounds]:
         """Return the bounds of the subject's heads: head → (B,).
@@ -193,8 +218,12 @@ class DenseProgram:
         return found
 
     def _typed(
-        self, given: tuple[Rule, Mapping[str, str]], known: Mapping[str, Mapping[Axes, None]]
+        self,
+        given: tuple[Rule, Mapping[str, str]],
+        known: Mapping[str, Mapping[Axes, None]],
+        keep: Names | None = None,
     ) -> Iterator[_Typed]:
+        """Yield a rule with domains; `keep` says which variables are left, if not all it needs."""
         rule, values = given
         head = rule.clause.head.substituted(values)
         literals = [literal.substituted(values) for literal in rule.clause.body.literals]
@@ -225,7 +254,8 @@ class DenseProgram:
             named = tuple((guard, frozenset(variables(*guard.terms))) for guard in guards)
             kept = tuple(o.names.union(variables(*head.arguments)) for o in operands)
             factors = [*(o.names for o in operands), *(names for _, names in named)]
-            targets = {*kept, frozenset(variables(*head.arguments))}
+            needed = {*kept, frozenset(variables(*head.arguments))}
+            targets = needed if keep is None else {keep}
             yield _Typed(
                 rule,
                 order,
@@ -338,6 +368,15 @@ class _Evaluation:
             asserted = self.blocks.get((head, axes))
             every = found if asserted is None else [asserted, *found]
             self.blocks[head, axes] = self._either(every)
+
+    def holds(self, typed: Sequence[_Typed]) -> Array:
+        """Tell whether some substitution satisfies a rule's body, in each scene."""
+        found = self.backend.full(1, False)
+        for rule in typed:
+            order = rule.orders[_NONE]
+            mask = eliminated(self._factors(rule), order, operator.and_, self._any(rule))
+            found = found | mask[(*(0 for _ in rule.order), slice(None))]
+        return found
 
     # -- a rule -------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from sfol.knowledge_base.format import (
     Grounding,
     KnowledgeBaseFile,
     RuleEntry,
+    Schedule,
     Semantics,
     Signal,
     Sort,
@@ -23,7 +24,14 @@ from sfol.knowledge_base.format import (
     Weight,
 )
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import EntityCondition, ObservedFact, Predicate, RewardTerm, Rule
+from sfol.knowledge_base.parts import (
+    EntityCondition,
+    ObservedFact,
+    Predicate,
+    RewardTerm,
+    Rule,
+    ScheduledNumber,
+)
 
 __all__ = [
     "FORMAT_VERSION",
@@ -39,6 +47,8 @@ __all__ = [
     "RewardTerm",
     "Rule",
     "RuleEntry",
+    "Schedule",
+    "ScheduledNumber",
     "Semantics",
     "Signal",
     "Sort",

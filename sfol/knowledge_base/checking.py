@@ -32,6 +32,7 @@ from sfol.knowledge_base.parts import (
     dependencies,
 )
 from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
+from sfol.knowledge_base.schedules import checked_schedules
 from sfol.operators import CONJUNCTIONS
 from sfol.syntax import (
     Atom,
@@ -97,6 +98,7 @@ class _Checker:
         observation = ObservationChecker(file, self._reporter)
         observation.check({file.subject}.union(*(atom.arguments for atom in background)))
         self._check_weights(rules)
+        schedules = checked_schedules(file, self._reporter)
         facts = observation.facts(background, self._heads - declared.keys())
         for fact in facts:
             self._check_atom(("facts", fact.text), fact.atom, predicates, offset=0)
@@ -116,6 +118,7 @@ class _Checker:
             signals=file.signals,
             weights=file.weights,
             terms=terms,
+            schedules=schedules,
             entity_weights=tuple(condition for _, condition in conditions),
             grounding=file.grounding,
             observation=file.observation,

@@ -207,6 +207,19 @@ class Term(_Section):
     description: str = Field("", description="What it rewards or punishes.")
 
 
+class Schedule(_Section):
+    """How a number changes while an agent is trained: in a straight line, and then no more."""
+
+    start: FiniteFloat = Field(alias="from", description="Its value when the training begins.")
+    end: FiniteFloat = Field(alias="to", description="Its value from the end of the schedule on.")
+    over: int = Field(ge=1, description="After how many steps or episodes the schedule ends.")
+    by: Literal["steps", "episodes"] = Field(
+        "steps",
+        description="What is counted over all environments: steps that were taken, or episodes "
+        "that have ended.",
+    )
+
+
 class EntityWeight(_Section):
     """A weight w_i of the scene descriptor for entities X that meet a condition."""
 
@@ -277,6 +290,7 @@ class Remove(_Section):
     signals: list[str] = Field(default_factory=list, description="By name.")
     weights: list[str] = Field(default_factory=list, description="By name.")
     terms: list[str] = Field(default_factory=list, description="By name.")
+    schedules: list[str] = Field(default_factory=list, description="By the name of the number.")
 
 
 def _as_rule_entry(value: Any) -> Any:
@@ -336,6 +350,12 @@ class KnowledgeBaseFile(_Section):
     signals: dict[str, Signal] = Field(default_factory=dict, description="Numbers of a step.")
     weights: dict[str, Weight] = Field(default_factory=dict, description="Weights from rules.")
     terms: dict[str, Term] = Field(default_factory=dict, description="Summands of the reward.")
+    schedules: dict[str, Schedule] = Field(
+        default_factory=dict,
+        description="Numbers that change while an agent is trained, such as weights.safety.safe1, "
+        "a coefficient, or terms.comfort.xi, a parameter → how. Elsewhere the file's own number "
+        "counts.",
+    )
     entity_weights: list[EntityWeight] = Field(
         default_factory=list, description="Weights of the descriptor; the first that holds counts."
     )

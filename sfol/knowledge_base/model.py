@@ -16,7 +16,7 @@ from sfol.facts import TRUE, Facts
 from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
 from sfol.knowledge_base.loading import load
-from sfol.knowledge_base.parts import Parts, Predicate, Rule
+from sfol.knowledge_base.parts import Parts, Predicate, Rule, ScheduledNumber
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -37,6 +37,7 @@ class KnowledgeBase(Parts):
         signals: by name.
         weights: by name.
         terms: by name; their sum is the reward.
+        schedules: numbers that change while an agent is trained, by name.
         entity_weights: in order; the first that holds counts.
         grounding: numbers for whoever turns observations into facts.
         observation: parts of what the environment gives, by name.
@@ -138,6 +139,7 @@ class KnowledgeBase(Parts):
             "entity_weights": [[str(e.when), e.weight, e.at_least] for e in self.entity_weights],
             "grounding": self.grounding.model_dump(mode="json"),
             **self._observed_meaning(),
+            **self._scheduled_meaning(),
         }
         text = json.dumps(meaning, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -152,6 +154,21 @@ class KnowledgeBase(Parts):
             "observed": {name: f.text for name, f in self.observed_signals.items()},
         }
         return {name: content for name, content in meaning.items() if content}
+
+    def _scheduled_meaning(self) -> dict[str, Any]:
+        """Return how numbers change, for the digest; one without schedules has none."""
+        meaning = {
+            target: [number.start, number.end, number.over, number.by]
+            for target, number in self.schedules.items()
+            if number.section == "terms" or number.name in self.heads
+        }
+        return {"schedules": meaning} if meaning else {}
+
+    def number(self, scheduled: ScheduledNumber) -> float:
+        """Return the file's own value of a number that is scheduled."""
+        if scheduled.section == "weights":
+            return self.weights[scheduled.group].coefficients[scheduled.name]
+        return self.terms[scheduled.group].parameters[scheduled.name]
 
     def to_pyreason(self, facts: Facts) -> tuple[Any, list[Any], list[Any]]:
         """Return the PyReason program of a scene, for those who want to go on from it.

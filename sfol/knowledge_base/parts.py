@@ -132,6 +132,35 @@ class ObservedFact:
 
 
 @dataclass(frozen=True)
+class ScheduledNumber:
+    """A number of the reward that changes while an agent is trained.
+
+    Attributes:
+        section: whether it is a coefficient of a weight or a parameter of a term.
+        group: the name of the weight or the term.
+        name: of the head or the parameter.
+        start: its value when the training begins.
+        end: its value from the end of the schedule on.
+        over: after how many steps or episodes the schedule ends.
+        by: which of the two are counted.
+    """
+
+    section: Literal["weights", "terms"]
+    group: str
+    name: str
+    start: float
+    end: float
+    over: int
+    by: Literal["steps", "episodes"] = "steps"
+
+    def value_at(self, done: int) -> float:
+        """Return its value after so many steps or episodes."""
+        if done >= self.over:
+            return self.end
+        return self.start + (self.end - self.start) * (done / self.over)
+
+
+@dataclass(frozen=True)
 class EntityCondition:
     """An entity weight with its condition parsed; the entity is the variable X."""
 
@@ -154,6 +183,7 @@ class Parts:
     signals: Mapping[str, Signal]
     weights: Mapping[str, Weight]
     terms: Mapping[str, RewardTerm]
+    schedules: Mapping[str, ScheduledNumber] = field(default_factory=dict)
     entity_weights: tuple[EntityCondition, ...] = ()
     grounding: Grounding = field(default_factory=Grounding)
     observation: Mapping[str, Source] = field(default_factory=dict)

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from sfol.knowledge_base.format import FORMAT_VERSION, Case
 from sfol.knowledge_base.model import KnowledgeBase
-from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule
+from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule, ScheduledNumber
 
 _HEAD = ("version", "name", "description", "subject", "background")
 _WIDTH = 100
@@ -63,6 +63,11 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
                 {"parameters": {}, "description": ""},
             )
             for term in kb.terms.values()
+        },
+        "schedules": {
+            target: _scheduled(number)
+            for target, number in kb.schedules.items()
+            if number.section == "terms" or number.name in kb.heads
         },
         "entity_weights": [
             _without_defaults(
@@ -125,6 +130,11 @@ def _fact(fact: ObservedFact) -> str | dict[str, Any]:
         {"bounds": "margin", "at_least": 0.0},
     )
     return entry if len(entry) > 1 else fact.formula.text
+
+
+def _scheduled(number: ScheduledNumber) -> dict[str, Any]:
+    entry = {"from": number.start, "to": number.end, "over": number.over, "by": number.by}
+    return _without_defaults(entry, {"by": "steps"})
 
 
 def _case(kb: KnowledgeBase, case: Case) -> dict[str, Any]:

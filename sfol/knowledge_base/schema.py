@@ -16,7 +16,13 @@ from sfol.knowledge_base.format import KnowledgeBaseFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # Section → the model of its entries, which overlays may give in part.
-_MERGED = {"entities": "Sort", "signals": "Signal", "weights": "Weight", "terms": "Term"}
+_MERGED = {
+    "entities": "Sort",
+    "signals": "Signal",
+    "weights": "Weight",
+    "terms": "Term",
+    "schedules": "Schedule",
+}
 
 
 class _WithDefaults(GenerateJsonSchema):

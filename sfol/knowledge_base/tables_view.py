@@ -61,8 +61,21 @@ def summary_table(kb: KnowledgeBase) -> Group:
                 for name, s in kb.signals.items()
             ),
         ),
+        *_scheduled(kb),
         *_observed(kb),
     )
+
+
+def _scheduled(kb: KnowledgeBase) -> Iterator[Table]:
+    if kb.schedules:
+        yield _table(
+            "Schedules of a training",
+            ("number", "from", "to", "over"),
+            (
+                (target, f"{s.start:g}", f"{s.end:g}", f"{s.over:,} {s.by}")
+                for target, s in kb.schedules.items()
+            ),
+        )
 
 
 def _observed(kb: KnowledgeBase) -> Iterator[Table]:

@@ -139,6 +139,14 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
             }
             for term in kb.terms.values()
         },
+        "schedules": {
+            target: {
+                "from": f"{number.start!r}",
+                "to": f"{number.end!r}",
+                "over": f"{number.over} {number.by}",
+            }
+            for target, number in kb.schedules.items()
+        },
         "entity_weights": _entity_weights(kb),
         "grounding": {
             name: {"": text} for name, text in _flat(kb.grounding.model_dump(mode="json"))

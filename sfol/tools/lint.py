@@ -27,6 +27,7 @@ again.
 | SF018 | warning | a head that no rule concludes about the subject |
 | SF019 | warning | a constant that nothing but one rule names, perhaps meant as a variable |
 | SF020 | warning | a rule that no entity fits: its arguments are of different sorts |
+| SF021 | warning | a schedule that ends at another number than the file's own |
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 21))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 22))
 _CODE_OF = {"subject": "SF018", "constant": "SF019", "sort": "SF020"}
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
@@ -93,6 +94,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _expects_nothing,
         _unread,
         _ungiven,
+        _ends_elsewhere,
         _subsumed,
         _not_monotone,
         _jumps,
@@ -284,6 +286,20 @@ def _ungiven(kb: KnowledgeBase) -> Iterator[Finding]:
                 f"rules read the predicate '{name}', of which nothing is known: no fact gives it",
                 ("predicates", name),
                 "add it to facts",
+            )
+
+
+def _ends_elsewhere(kb: KnowledgeBase) -> Iterator[Finding]:
+    for target, scheduled in kb.schedules.items():
+        own = kb.number(scheduled)
+        if own != scheduled.end:
+            yield Finding(
+                "SF021",
+                "warning",
+                f"the schedule of '{target}' ends at {scheduled.end:g}, but wherever nobody is "
+                f"trained, in tests and explanations, it is {own:g}",
+                ("schedules", target),
+                f"let it end at {own:g}, or change the number",
             )
 
 

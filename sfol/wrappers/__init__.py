@@ -9,8 +9,8 @@ except ImportError as error:
 
 from sfol.outcome import log_items
 from sfol.wrappers.judging import Transition
-from sfol.wrappers.modes import EPISODE
+from sfol.wrappers.modes import EPISODE, FIRED
 from sfol.wrappers.single import RuleReward
 from sfol.wrappers.vector import VectorRuleReward
 
-__all__ = ["EPISODE", "RuleReward", "Transition", "VectorRuleReward", "log_items"]
+__all__ = ["EPISODE", "FIRED", "RuleReward", "Transition", "VectorRuleReward", "log_items"]

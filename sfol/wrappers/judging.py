@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, SupportsFloat, TypeVar
 from sfol.facts import Facts
 from sfol.outcome import Outcome, log_items, named
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import Shaping, total
+from sfol.wrappers.modes import FIRED, Shaping, total
 
 Observation = TypeVar("Observation")
 Action = TypeVar("Action")
@@ -66,6 +66,7 @@ class Judge(Generic[Observation, Action]):
     Attributes:
         observation: of the state in which the environment is.
         facts: of that state.
+        reports_fired: whether `info` gets which rules fired.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Judge(Generic[Observation, Action]):
     ) -> None:
         self.observation: Observation
         self.facts: Facts
+        self.reports_fired = False
         self._reward = reward
         self._facts_of = facts
         self._signals_of = signals
@@ -104,11 +106,15 @@ class Judge(Generic[Observation, Action]):
         self.begin(transition.next_observation, transition.info)
         terms = self._shaping.terms(before, self._potential, transition.terminated)
         items: dict[str, Any] = named(reward=terms, potential=self._potential)
+        if self.reports_fired:
+            items[FIRED] = self._fired(self._reward.conclude(self.facts).fired)
         return Judgement(total(terms), terms, items)
 
     def _rewarded(self, transition: Transition[Observation, Action]) -> Judgement:
         outcome = self._judged(transition)
         items = log_items(outcome)
+        if self.reports_fired:
+            items[FIRED] = self._fired(outcome.fired)
         return Judgement(outcome.reward, outcome.terms, items)
 
     def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
@@ -116,6 +122,9 @@ class Judge(Generic[Observation, Action]):
         self.begin(transition.next_observation, transition.info)
         facts = before if self._reward.kb.facts_at == "state" else self.facts
         return self._reward.evaluate(facts, **signals)
+
+    def _fired(self, rules: frozenset[str]) -> dict[str, bool]:
+        return {rule: rule in rules for rule in self._reward.kb.rules}
 
     def _potential_of(self, observation: Observation, weight: str | None) -> Mapping[str, float]:
         """Return the summands of the potential of the state whose facts are remembered."""

@@ -19,6 +19,7 @@ from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
 EPISODE = "sfol.episode"  # the key in `info` of an episode's sums; of no other package
+FIRED = "sfol.fired"  # the key in `info` of which rules fired
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,22 @@ class EpisodeSums:
         """Return ``return``, ``original_return``, ``length`` and, by name, ``terms``."""
         return {**self._totals, "terms": self._terms}
 
+    def items_of(self, index: int) -> dict[str, Any]:
+        """Return the same of one of B environments, as plain numbers."""
+        totals, terms = (
+            {name: sums[index].item() for name, sums in group.items()}
+            for group in (self._totals, self._terms)
+        )
+        return {**totals, "terms": terms}
+
 
 def shaping_of(
-    reward: RewardFunction, mode: str, potential: str | None, discount: float | None
+    reward: RewardFunction,
+    mode: str,
+    potential: str | None,
+    discount: float | None,
+    *,
+    signals: object = None,
 ) -> Shaping | None:
     """Check the arguments that say what is made of a reward; return how it shapes, if it does.
 
@@ -106,6 +120,7 @@ def shaping_of(
         mode: ``replace``, ``add`` or ``potential``.
         potential: a weight, or None for the reward.
         discount: γ, needed for a potential.
+        signals: a function that makes signals of a transition, of which no potential is.
 
     Raises:
         UsageError: one is of another type, does not exist or does not belong to the mode; or the
@@ -123,6 +138,12 @@ def shaping_of(
                     f"the mode '{mode}' has no {name}", name=name, suggestion="mode='potential' has"
                 )
         return None
+    if signals is not None:
+        raise UsageError(
+            "a potential has no signals of a transition",
+            name="signals",
+            suggestion="leave the function out",
+        )
     if potential is None:
         _check_state_alone(reward)
     else:
@@ -161,13 +182,7 @@ def checked_shaping(  # noqa: PLR0913, PLR0917 (the arguments of a wrapper, in t
     expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
     expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
     expect_function(signals, "signals", "give a function of a Transition → signals")
-    shaping = shaping_of(reward, mode, potential, discount)
-    if shaping and signals:
-        raise UsageError(
-            "a potential has no signals of a transition",
-            name="signals",
-            suggestion="leave the function out",
-        )
+    shaping = shaping_of(reward, mode, potential, discount, signals=signals)
     check_reads(
         reward,
         facts=facts is None,

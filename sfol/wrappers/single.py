@@ -10,6 +10,7 @@ import gymnasium
 
 from sfol.errors import UsageError, expect
 from sfol.facts import Facts
+from sfol.knowledge_base import ScheduledNumber
 from sfol.reward import RewardFunction
 from sfol.wrappers.goals import ACHIEVED, DESIRED, TRANSITION, Hindsight, has_goals
 from sfol.wrappers.judging import Action, Judge, Observation, Transition
@@ -86,6 +87,7 @@ class RuleReward(
         self._judge: Judge[Observation, Action] = Judge(
             reward, facts=facts, signals=signals, shaping=shaping, context=(env,)
         )
+        self._reward = reward
         self._mode = mode
         self._silence = Silence(reward)
         self._hindsight: Hindsight | None = None
@@ -117,6 +119,19 @@ class RuleReward(
         if self._hindsight is not None and self._hindsight.needs_transition:
             info[TRANSITION] = replace(transition, next_observation=self._judge.observation)
         return observation, value, terminated, truncated, info
+
+    @property
+    def schedules(self) -> Mapping[str, ScheduledNumber]:
+        """The numbers of the knowledge base that change while an agent is trained."""
+        return self._reward.kb.schedules
+
+    def apply_schedules(self, *, steps: int, episodes: int) -> dict[str, float]:
+        """Set the scheduled numbers of the reward; see `RewardFunction.apply_schedules`."""
+        return self._reward.apply_schedules(steps=steps, episodes=episodes)
+
+    def report_fired(self, *, whether: bool = True) -> None:
+        """Say whether ``info`` gets ``sfol.fired``: rule → whether it concluded something."""
+        self._judge.reports_fired = whether
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Return the reward of a step had the goal been another one, as hindsight asks for it.

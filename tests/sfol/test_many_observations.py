@@ -172,6 +172,33 @@ def test_nothing_is_known_of_an_entity_without_a_row(tmp_path):
         assert_alike(reward, transitions, outcome)
 
 
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_rules_that_fire_for_whichever_entity(tmp_path, kind):
+    make = np.asarray if kind == "numpy" else pytest.importorskip("torch").as_tensor
+    changes = {
+        "  crowded:": "  lonely: lonely(P) :- Person(P), Alone(P) >= 0.5.\n  crowded:",
+        "{careful: 1.0, free: 0.5}": "{careful: 1.0, free: 0.5, lonely: 0.0}",
+    }
+    reward = load(tmp_path, changes)
+    seen = dict.fromkeys(reward.kb.rules, 0)
+    for seed in range(5):
+        before, *_ = drawn(seed)
+        fired = reward.fired_of_many(mapped(before, make))
+        for scene in range(7):
+            alone = reward.conclude(reward.observe(part(before, scene))).fired
+            assert {rule for rule, mask in fired.items() if mask[scene]} == alone
+            for rule in alone:
+                seen[rule] += 1
+    assert all(0 < count < 35 for count in seen.values()), seen
+
+
+def test_no_rule_fires_where_nobody_is(reward):
+    fired = reward.fired_of_many(drawn(0, size=3, people=0)[0])
+    assert {rule: mask.tolist() for rule, mask in fired.items()} == {
+        rule: [False] * 3 for rule in reward.kb.rules
+    }
+
+
 def test_cartpole():
     reward = sfol.RewardFunction("cartpole")
     observations = np.random.default_rng(0).normal(0, 0.1, (50, 4)).astype(np.float32)

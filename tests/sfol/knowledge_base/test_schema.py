@@ -51,6 +51,8 @@ def test_everything_has_a_description_and_what_may_be_left_out_a_default():
             "unit",
             "from",
             "at_most",
+            "to",
+            "over",
         }
         for name, entry in model["properties"].items():
             assert entry["description"], name
