@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bisect
 import difflib
+import inspect
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -124,6 +126,18 @@ class SilentZeroWarning(UserWarning):
 
 class MissingExtraError(SfolError):
     """An optional part of the distribution is not installed."""
+
+
+def warn_of_silence(message: str) -> None:
+    """Give a SilentZeroWarning at the line of the program that has called this package.
+
+    Args:
+        message: what keeps rewards at 0, and what to do about it.
+    """
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and frame.f_globals.get("__name__", "").startswith("sfol."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, SilentZeroWarning, stacklevel=level)
 
 
 def expect(value: object, kind: type | tuple[type, ...], what: str, suggestion: str) -> None:

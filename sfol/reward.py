@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import operator
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from functools import cached_property, reduce
@@ -23,11 +22,11 @@ from sfol.engines.plan import Plan
 from sfol.errors import (
     FormulaError,
     SignalError,
-    SilentZeroWarning,
     UsageError,
     did_you_mean,
     expect,
     listed,
+    warn_of_silence,
 )
 from sfol.facts import Bound, Facts
 from sfol.formula import Formula
@@ -607,11 +606,7 @@ class RewardFunction:
             return
         self._conclude = self._engine.conclude  # so that later calls cost nothing
         for silence in silences(self.kb, frozenset(known)):
-            warnings.warn(
-                f"'{self.kb.name}': {silence.message} ({silence.suggestion})",
-                SilentZeroWarning,
-                stacklevel=2,
-            )
+            warn_of_silence(f"'{self.kb.name}': {silence.message} ({silence.suggestion})")
 
     def _bounds(self, conclusions: Conclusions) -> dict[str, Bound | None]:
         return {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}

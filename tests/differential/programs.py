@@ -47,7 +47,7 @@ def drawn_scenes(count):
 
 
 SMALL = tuple(
-    (program(*rules, **semantics), Facts.parse(facts))
+    (program(*rules, **semantics), Facts.parse(facts, margin=0.05))
     for rules, semantics, facts in [
         (["h(X) :- V(X), P(Y), R(Y, X)."], {}, "V(ego). P(a): 0.2. P(b): 0.8. R(a, ego). R(b, ego)."),
         (["h(X) :- V(X), P(Y), R(Y, X)."], {}, "V(c). V(d). P(a): 0.2. P(b): 0.8. R(a, c). R(b, d)."),

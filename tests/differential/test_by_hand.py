@@ -12,11 +12,11 @@ from tests.differential.programs import program
 def derived(request):
     """Return a function: knowledge base and text of facts to conclusions, by one reading."""
     if request.param == "naive":
-        return lambda kb, text: naive_conclusions(kb, Facts.parse(text))
+        return lambda kb, text: naive_conclusions(kb, Facts.parse(text, margin=0.05))
     engine = CompiledEngine
     if request.param == "pyreason":
         engine = request.getfixturevalue("pyreason")
-    return lambda kb, text: engine(kb).conclude(Facts.parse(text)).derived
+    return lambda kb, text: engine(kb).conclude(Facts.parse(text, margin=0.05)).derived
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from sfol.testing.laws import assert_same
 from tests.differential.programs import program
 
 SCENE = (
-    "Pedestrian(p1): [0.76, 0.84]. OnRoad(p1): [0.9, 1.0]. CenterOf(p1, ego). Truck(t1): 0.7."
+    "Pedestrian(p1): [0.76, 0.84]. OnRoad(p1): [0.9, 1.0]. CenterOf(p1, ego). Truck(t1): [0.665, 0.735]."
     "Crosswalk(a1). Occludes(t1, a1). RightOf(t1, ego)."
 )
 

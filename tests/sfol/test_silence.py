@@ -218,6 +218,13 @@ def test_facts_that_name_the_constant_or_the_subject_are_enough(door):
     assert said(lambda: reward(Facts.parse("Robot(ego)."))) == []
 
 
+def test_a_warning_names_the_line_of_the_program(door):
+    reward = RewardFunction(door(LONELY))
+    with pytest.warns(SilentZeroWarning) as caught:
+        reward(Facts.parse(SCENE))
+    assert [warning.filename for warning in caught] == [__file__]
+
+
 def test_nothing_is_said_of_what_is_well(door):
     assert said(lambda: RewardFunction(door())(Facts.parse(SCENE))) == []
     scene = Facts.parse("Pedestrian(p1). OnRoad(p1).")

@@ -14,7 +14,7 @@ from tests.laws.test_laws import REWARDS, facts_of, scenes
 torch = pytest.importorskip("torch")
 
 SCENES = [
-    Facts.parse(text)
+    Facts.parse(text, margin=0.05)
     for text in (
         "",
         "NoCrosswalk(ego). EmptyLane(ego).",
