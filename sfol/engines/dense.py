@@ -546,14 +546,8 @@ class _Evaluation:
             if isinstance(argument, int):
                 values = _taken(values, axis, argument)
         names = [argument for argument in arguments if isinstance(argument, str)]
-        for name in [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-            while names.count(name) > 1:
-                values, names = _on_diagonal(values, names, name)
-        for axis, name in enumerate(sorted(names, key=rule.order.index)):
-            at = names.index(name)
-            if at != axis:
-                values = values.swapaxes(axis, at)
-                names[at], names[axis] = names[axis], name
+        if len(names) > 1:
+            values = _in_order(values, names, rule.order)
         return values[(*(slice(None) if n in names else None for n in rule.order), slice(None))]
 
     # -- heads --------------------------------------------------------------------------------
@@ -596,6 +590,23 @@ class _Evaluation:
             combine([where(d.known, d.upper, 0.0) for d in disjuncts]),
             reduce(operator.or_, (d.known for d in disjuncts)),
         )
+
+
+def _in_order(values: Array, names: Sequence[str], order: Sequence[str]) -> Array:
+    """Return values with one axis for each name, in an order; the scenes stay last."""
+    axes = [order.index(name) for name in names]
+    if all(map(operator.lt, axes, axes[1:])):  # as nearly always
+        return values
+    for name in dict.fromkeys(names):
+        while names.count(name) > 1:
+            values, names = _on_diagonal(values, names, name)
+    wanted = sorted(names, key=order.index)
+    left = list(names)
+    for axis, name in enumerate(wanted):
+        at = left.index(name)
+        values = values.swapaxes(axis, at)
+        left[axis], left[at] = left[at], left[axis]
+    return values
 
 
 def _first_taken(values: Array, place: int) -> Array:

@@ -63,10 +63,10 @@ def _coded_rule(rule: Rule) -> Rule:
 
 def coded_tables(tables: Tables) -> Tables:
     """Return the known atoms of a scene with their constants as PyReason can read them."""
-    coded_rows = Tables({})
+    renamed = type(tables)({})
     for atom, bound in tables.items():
-        coded_rows.put(coded_atom(atom), bound)
-    return coded_rows
+        renamed.put(coded_atom(atom), bound)
+    return renamed
 
 
 def decoded_row(row: TraceRow) -> TraceRow:

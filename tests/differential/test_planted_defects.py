@@ -118,6 +118,19 @@ def atoms_known_to_be_false_count(monkeypatch):
     monkeypatch.setattr(Positive, "holds", holds)
 
 
+def certainty_forgotten(monkeypatch):
+    monkeypatch.setattr(compiled, "with_certainty", lambda conjunction, certainty: conjunction)
+
+
+def upper_bounds_without_certainty(monkeypatch):
+    right = compiled.with_certainty
+
+    def lower_alone(conjunction, certainty):
+        return right(conjunction, certainty._replace(upper=1.0))
+
+    monkeypatch.setattr(compiled, "with_certainty", lower_alone)
+
+
 COMPILED = [
     maximum_for_mean,
     minimum_for_product,
@@ -131,6 +144,8 @@ COMPILED = [
     guard_dropped,
     asserted_bound_no_disjunct,
     atoms_known_to_be_false_count,
+    certainty_forgotten,
+    upper_bounds_without_certainty,
 ]
 
 
@@ -197,6 +212,10 @@ def constants_left_in_cycles(monkeypatch):
     monkeypatch.setattr(translation, "_without_cycles", translation._singles_first)
 
 
+def certainty_left_out(monkeypatch):
+    monkeypatch.setattr(translation, "times", lambda bound, certainty: bound)
+
+
 PYREASON = [
     maximum_for_mean,
     minimum_for_product,
@@ -213,6 +232,7 @@ PYREASON = [
     cycles_left_to_pyreason,
     all_strata_at_once,
     constants_left_in_cycles,
+    certainty_left_out,
 ]
 
 

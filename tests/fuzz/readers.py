@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sfol import Facts, KnowledgeBase, RewardFunction
-from sfol.clauses import parse_clause, parse_condition
+from sfol.clauses import parse_condition, parse_rule
 from sfol.errors import SfolError
 from sfol.formula import Formula
 from sfol.logs import read_log
@@ -28,7 +28,7 @@ def knowledge_base(data: bytes) -> None:
 def clause(data: bytes) -> None:
     """Read a rule and a condition; what was read says itself in a form that reads the same."""
     text = data.decode(errors="surrogateescape")
-    for parse in (parse_clause, parse_condition):
+    for parse in (parse_rule, parse_condition):
         with suppress(SfolError):
             parsed = parse(text)
             assert parse(str(parsed)) == parsed

@@ -48,6 +48,6 @@ def test_changed_bytes_raise_nothing(name):
 
 
 def test_a_fault_would_be_seen(monkeypatch):
-    monkeypatch.setattr("tests.fuzz.readers.parse_clause", lambda text: 1 / 0)
+    monkeypatch.setattr("tests.fuzz.readers.parse_rule", lambda text: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         READERS["clause"](b"h(X) :- P(X).")
