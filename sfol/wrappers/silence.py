@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sfol.errors import SilentZeroWarning
+from sfol.errors import warn_of_silence
 from sfol.facts import Facts
 from sfol.reward import RewardFunction
 
@@ -51,10 +50,8 @@ class Silence:
         missing = [] if known is None else sorted(self._kb.read - given - known)
         shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
         hint = f"its last facts say nothing of {shown}; " if missing else ""
-        warnings.warn(
+        warn_of_silence(
             f"'{self._kb.name}': no rule has concluded anything about '{self._kb.subject}' in a "
             f"whole episode ({hint}sfol lint finds rules that can't, RewardFunction.explain says "
-            "what each lacks)",
-            SilentZeroWarning,
-            stacklevel=3,  # where the environment was stepped
+            "what each lacks)"
         )
