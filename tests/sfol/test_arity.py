@@ -232,6 +232,13 @@ def test_an_overlay_may_remove_the_rules_of_a_proposition(tmp_path):
     assert "nothing concluded" in str(less.explain(Facts()))
 
 
+def test_a_proposition_that_cannot_be_read_is_not_unknown_as_well():
+    with pytest.raises(InvalidKnowledgeBase) as caught:
+        program("Noise :- P(X) & Raining.", "h(X) :- P(X), Noise.")
+    (error,) = caught.value.errors
+    assert "the character '&'" in str(error)
+
+
 def test_what_a_weight_cannot_name():
     weights = {"weights": {"w": {"normalizer": 1, "coefficients": {"t": 1}}}}
     with pytest.raises(InvalidKnowledgeBase, match="the head 't' has 3 arguments"):
