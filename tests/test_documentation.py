@@ -82,6 +82,29 @@ def run(*arguments, folder=ROOT):
     )
 
 
+ANSWERS = re.findall(
+    r"^\| `(.* :- .*)` \| (.*) \|$", (DOCS / "how-to" / "write-rules.md").read_text(), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize(("rule", "answer"), ANSWERS)
+def test_a_mistake_is_answered_as_the_page_says(tmp_path, rule, answer):
+    content = {
+        "version": 1,
+        "name": "mistake",
+        "predicates": dict.fromkeys(["P(X)", "Q(X)", "R(X, Y)", "h(X)"], ""),
+        "rules": {"rule": rule},
+    }
+    (tmp_path / "mistake.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(SfolError) as caught:
+        sfol.KnowledgeBase.load(tmp_path / "mistake.yaml")
+    assert answer in str(caught.value)
+
+
+def test_the_page_shows_some_mistakes():
+    assert len(ANSWERS) > 5
+
+
 # -- code ---------------------------------------------------------------------------------------
 
 

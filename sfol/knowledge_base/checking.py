@@ -477,5 +477,5 @@ class _Checker:
 
 
 def _first_name(text: str) -> list[str]:
-    """Return the name before the first bracket of a text that is no clause, if there is one."""
-    return re.findall(r"\A\s*([A-Za-z]\w*)\s*\(", text)
+    """Return the predicate with which a text that is no clause begins, if there is one."""
+    return re.findall(r"\A\s*([A-Za-z]\w*)\s*(?:\(|:-)", text)

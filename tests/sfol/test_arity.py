@@ -13,6 +13,7 @@ from sfol.errors import ClauseError, FactError, InvalidKnowledgeBase, WorkLimitE
 from sfol.knowledge_base import KnowledgeBaseFile
 from sfol.knowledge_base.formatting import format_clause
 from sfol.knowledge_base.printing import to_yaml
+from sfol.testing.laws import assert_same
 from sfol.testing.naive import naive_conclusions
 from sfol.tools.lint import lint
 from tests.differential.dense import dense_conclusions
@@ -164,8 +165,7 @@ def test_a_body_of_four_variables_finds_what_trying_all_finds(rows):
     facts = Facts()
     for number, row in enumerate(rows):
         facts.add("Gives", *row, bound=Bound(number / 60, 0.5), merge="maximum")
-    expected = {atom: pytest.approx(bound) for atom, bound in naive_conclusions(kb, facts).items()}
-    assert RewardFunction(kb).conclude(facts).derived == expected
+    assert_same(naive_conclusions(kb, facts), RewardFunction(kb).conclude(facts).derived)
 
 
 def test_a_wide_head_does_not_wait_for_ever():
@@ -231,6 +231,13 @@ def test_an_overlay_may_remove_the_rules_of_a_proposition(tmp_path):
     less = RewardFunction(KnowledgeBase.load(tmp_path / "less.yaml"))
     assert less.evaluate(Facts.parse("Raining. P(ego).")).terms["hinge"] == -1.0
     assert "nothing concluded" in str(less.explain(Facts()))
+
+
+def test_a_proposition_that_cannot_be_read_is_not_unknown_as_well():
+    with pytest.raises(InvalidKnowledgeBase) as caught:
+        program("Noise :- P(X) & Raining.", "h(X) :- P(X), Noise.")
+    (error,) = caught.value.errors
+    assert "the character '&'" in str(error)
 
 
 def test_what_a_weight_cannot_name():
