@@ -99,8 +99,9 @@ def label(
     Raises:
         MissingExtraError: pyarrow is not installed.
         FileError: a file can't be read.
-        UsageError: an argument is of another type, there is no data, the folder has labels of other data or rules, a column has
-            the name of a label, or the folder can't be written to.
+        UsageError: an argument is of another type, there is no data, the folder has labels of
+            other data or rules, a column has the name of a label, or the folder can't be written
+            to.
         SfolError: rows have no reward; the error says which, and why.
     """
     for path in (data, folder):
