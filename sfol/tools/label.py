@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sfol import arrays
-from sfol.errors import FileError, Place, SfolError, UsageError, missing_extra
+from sfol.errors import FileError, Place, SfolError, UsageError, expect, missing_extra
 from sfol.locking import locked_folder
 from sfol.outcome import log_items
 from sfol.reading import first_reason, opened, text_of
@@ -80,8 +80,8 @@ class Labelled:
 
 
 def label(
-    data: Path,
-    folder: Path,
+    data: str | Path,
+    folder: str | Path,
     reward: RewardFunction,
     *,
     part_rows: int = PART_ROWS,
@@ -99,11 +99,15 @@ def label(
     Raises:
         MissingExtraError: pyarrow is not installed.
         FileError: a file can't be read.
-        UsageError: there is no data, the folder has labels of other data or rules, a column has
-            the name of a label, or the folder can't be written to.
+        UsageError: an argument is of another type, there is no data, the folder has labels of
+            other data or rules, a column has the name of a label, or the folder can't be written
+            to.
         SfolError: rows have no reward; the error says which, and why.
     """
-    files = _files(data)
+    for path in (data, folder):
+        expect(path, (str, Path), "a path", "give a text or a pathlib.Path")
+    expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
+    files, folder = _files(Path(data)), Path(folder)
     parts = list(_parts(files, folder, part_rows))
     rows = sum(part.rows for part in parts)
     with locked_folder(folder):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, SupportsFloat
 
 import gymnasium
@@ -117,7 +116,10 @@ class RuleReward(
             info[EPISODE] = self._sums.items()
             self._silence.end(self._judge.facts)
         if self._hindsight is not None and self._hindsight.needs_transition:
-            info[TRANSITION] = replace(transition, next_observation=self._judge.observation)
+            after = self._judge.observation  # a copy
+            info[TRANSITION] = Transition(
+                before, action, after, original, terminated, truncated, transition.info
+            )
         return observation, value, terminated, truncated, info
 
     @property

@@ -219,6 +219,10 @@ def test_what_can_not_be_read_is_said(tmp_path, hall):
         label(tmp_path / "none.parquet", tmp_path / "out", hall)
     with pytest.raises(FileError, match="No such file"):
         label(tmp_path / "missing.parquet", tmp_path / "out", hall)
+    with pytest.raises(UsageError, match="a path"):
+        label(3, tmp_path / "out", hall)
+    with pytest.raises(UsageError, match="the reward"):
+        label(tmp_path / "none.parquet", tmp_path / "out", "aeb")
     (tmp_path / "empty").mkdir()
     with pytest.raises(UsageError, match="no Parquet file"):
         label(tmp_path / "empty", tmp_path / "out", hall)
