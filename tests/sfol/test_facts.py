@@ -165,7 +165,7 @@ def test_facts_are_equal_to_facts_alone():
         (lambda known: known.add("Q", "a", bound=(0, 1), confidence=1), "Q(a)", "one of them"),
         (lambda known: known.add("P", "a"), "P(a)", "merge='replace' or merge='maximum'"),
         (lambda known: known.add("P", "a", merge="maximun"), "maximun", "mean 'maximum'?"),
-        (lambda known: known.add("Q"), "Q", "an atom has one or two"),
+        (lambda known: known.add("Q", *"abcde"), "Q", "an atom has 4 at most"),
         (lambda known: known.add("Q", "Ego"), "Ego", "begins with a lower-case letter"),
         (lambda known: known.add("Q q", "a"), "Q q", None),
         (lambda known: known.add("P", "a", "b"), "P", None),

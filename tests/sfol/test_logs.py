@@ -228,7 +228,7 @@ ROWS = [
     (set_in(4, "facts", 0, "lower", 2.0), "row 4 of the log is damaged: Pedestrian(p1) has the bou"),
     (set_in(4, "facts", 0, "lower", math.nan), "row 4 of the log is damaged: Pedestrian(p1) has"),
     (set_in(1, "facts", 0, "atom", "Pedestrian(X)"), "row 1 of the log is damaged: the fact"),
-    (set_in(1, "facts", 0, "atom", "P p"), "row 1 of the log is damaged: '(' is expected"),
+    (set_in(1, "facts", 0, "atom", "P p"), "row 1 of the log is damaged: the end is expected"),
     (set_in(1, "facts", 0, "atom", "NoCrosswalk(ego, ego)"), "1 constants here and 2 elsewhere"),
     (set_in(1, "facts", 0, "atom", None), "row 1 of the log is damaged: a fact has no atom"),
     (set_in(1, "facts", 0, "upper", None), "row 1 of the log is damaged: a fact has no atom"),
