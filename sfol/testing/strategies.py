@@ -214,9 +214,10 @@ def knowledge_base_files(
 ) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
 
-    They have negation, guards, constants, literals that name a variable twice, several rules per
-    head, derived predicates over several strata that may be asserted as well, thresholds met at
-    their very value, and every operator.
+    They have negation, guards, constants of every form, predicates of every number of arguments,
+    literals that name a variable twice, `or` and `implies`, several rules per head, certainties,
+    derived predicates over several strata that may be asserted as well, thresholds met at their
+    very value, and every operator.
 
     Args:
         draw: given by hypothesis.
