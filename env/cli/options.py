@@ -29,8 +29,8 @@ DriverOption = Annotated[
     list[str] | None,
     typer.Option(
         "--driver",
-        help="full_throttle, never_moves, crawl, ttc_brake, cautious, oracle; trained, the policy "
-        "beside the networks' weights; or a policy file (.safetensors, or .zip of "
+        help="full_throttle, never_moves, crawl, ttc_brake, cautious, oracle; trained or beyond, "
+        "the policies beside the networks' weights; or a policy file (.safetensors, or .zip of "
         "stable-baselines3). May be given several times.",
         show_default="cautious",
     ),

@@ -17,8 +17,10 @@ from env.street.view import StreetView
 from sfol.errors import UsageError, did_you_mean
 from sfol.reading import opened
 
-TRAINED = "trained"
 SUFFIX = ".safetensors"
+TRAINED = "trained"
+# The policies beside the networks' weights: the main setup's, and one that goes beyond the paper.
+SHIPPED = {TRAINED: f"policy{SUFFIX}", "beyond": f"beyond{SUFFIX}"}
 _PICKLE = ".zip"
 
 
@@ -26,11 +28,11 @@ def policy_file(driver: str) -> Path | None:
     """Return the file of a driver that is a policy, whether it exists or not; else None.
 
     Args:
-        driver: its name, which is the file's path, or ``trained``: the policy beside the networks'
-            weights.
+        driver: its name, which is the file's path, or ``trained`` or ``beyond``: the policies
+            beside the networks' weights.
     """
-    if driver == TRAINED:
-        return weights_folder() / f"policy{SUFFIX}"
+    if driver in SHIPPED:
+        return weights_folder() / SHIPPED[driver]
     return Path(driver) if driver.endswith((SUFFIX, _PICKLE)) else None
 
 
@@ -38,8 +40,9 @@ def make_driver(name: str, *, trust: bool = False) -> Driver:
     """Return a driver.
 
     Args:
-        name: of a scripted driver; ``trained``; or the path of a policy file: the ``.safetensors``
-            that `aeb train` writes, or a ``.zip`` of stable-baselines3 or sb3-contrib.
+        name: of a scripted driver; ``trained`` or ``beyond``; or the path of a policy file: the
+            ``.safetensors`` that `aeb train` writes, or a ``.zip`` of stable-baselines3 or
+            sb3-contrib.
         trust: whether a ``.zip`` may lie outside the project's own folder.
 
     Raises:
@@ -56,7 +59,7 @@ def make_driver(name: str, *, trust: bool = False) -> Driver:
         raise UsageError(
             f"there is no driver '{name}'",
             name=name,
-            suggestion=did_you_mean(name, [*DRIVERS, TRAINED])
+            suggestion=did_you_mean(name, [*DRIVERS, *SHIPPED])
             or "a policy file ends in .safetensors or .zip",
         )
     return DRIVERS[name]()
@@ -126,5 +129,5 @@ def check_exists(path: Path) -> None:
     """
     if not path.is_file():
         missing = f"there is no policy file '{path}'"
-        shipped = path == policy_file(TRAINED)
+        shipped = path in map(policy_file, SHIPPED)
         raise UsageError(missing, name=str(path), suggestion=WHERE_FROM if shipped else None)

@@ -13,7 +13,7 @@ from typing import NamedTuple, get_args
 
 from env.driving.drivers import Driver
 from env.driving.names import Name, name_like
-from env.driving.policies import TRAINED, file_hash, make_driver, policy_file
+from env.driving.policies import SHIPPED, file_hash, make_driver, policy_file
 from env.driving.rollout import DrivenStep, Ending, rollout
 from env.driving.setup import DISCOUNT
 from env.evaluation import metrics
@@ -101,7 +101,9 @@ class Drive:
         file = policy_file(self.driver)
         policy = file_hash(file) if file else None
         called = (
-            f"{name_like(file.stem)}-{policy}" if file and self.driver != TRAINED else self.driver
+            f"{name_like(file.stem)}-{policy}"
+            if file and self.driver not in SHIPPED
+            else self.driver
         )
         return Settings(
             driver=self.name or called,

@@ -60,10 +60,10 @@ def steps_of(path):
     return int(path.stem.split("-")[1])
 
 
-def test_the_papers_eight_setups_and_the_fast_one_are_there():
+def test_the_papers_eight_setups_and_two_of_our_own_are_there():
     assert set(setup_names()) == {
         *("add", "multiply", "ssi", "sf", "ce_ps", "pe_cs", "pe_ps", "risk_factors"),
-        "state",
+        *("state", "beyond"),
     }
 
 
