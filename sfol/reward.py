@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMappin
 from dataclasses import replace
 from functools import cached_property, reduce
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, SupportsIndex, overload
 
 from sfol import arrays
@@ -31,10 +32,20 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
+from sfol.recorded_steps import RecordedSteps, StepReward
 from sfol.syntax import Atom
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
+
+
+class _Changes:
+    """How often numbers were set to other ones."""
+
+    __slots__ = ("count",)
+
+    def __init__(self) -> None:
+        self.count = 0
 
 
 class Numbers(MutableMapping[str, float]):
@@ -45,13 +56,17 @@ class Numbers(MutableMapping[str, float]):
     Args:
         numbers: name → number.
         what: what the names are, for error messages.
+        changes: counts whenever a number is set to another one.
     """
 
-    __slots__ = ("_numbers", "_what")
+    __slots__ = ("_changes", "_numbers", "_what")
 
-    def __init__(self, numbers: Mapping[str, float], what: str) -> None:
+    def __init__(
+        self, numbers: Mapping[str, float], what: str, changes: _Changes | None = None
+    ) -> None:
         self._numbers = dict(numbers)
         self._what = what
+        self._changes = changes or _Changes()
 
     @property
     def plain(self) -> Mapping[str, float]:
@@ -78,6 +93,8 @@ class Numbers(MutableMapping[str, float]):
             raise UsageError(
                 f"'{name}' can't be {number!r:.80}", name=name, suggestion="give a finite number"
             )
+        if value is not self._numbers[name]:
+            self._changes.count += 1
         self._numbers[name] = value
 
     def __delitem__(self, name: str) -> None:
@@ -105,13 +122,18 @@ class NumberGroups(Mapping[str, Numbers]):
     Args:
         groups: name → its numbers.
         what: what a group is, for error messages.
+
+    Attributes:
+        changes: how often a number of any group was set to another one.
     """
 
-    __slots__ = ("_groups",)
+    __slots__ = ("_groups", "changes")
 
     def __init__(self, groups: Mapping[str, Mapping[str, float]], what: str) -> None:
+        self.changes = _Changes()
         self._groups = {
-            name: Numbers(numbers, f"the {what} '{name}'") for name, numbers in groups.items()
+            name: Numbers(numbers, f"the {what} '{name}'", self.changes)
+            for name, numbers in groups.items()
         }
 
     def __getitem__(self, name: str) -> Numbers:
@@ -175,6 +197,8 @@ class RewardFunction:
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
         self._reader = ObservationReader(self.kb)
         self._scenes_reader = ScenesReader(self.kb)
+        self._repeated_one = RecordedSteps(self._evaluated_scenes)
+        self._repeated = RecordedSteps(self._evaluated_scenes)
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -593,7 +617,36 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
+    def repeated(self, step: ObservedStep) -> StepReward | None:
+        """Return what one step is worth, if it can be repeated from others; several times as fast.
+
+        Args:
+            step: as for `transition`.
+
+        Returns:
+            None if that is not so: `transition` gives it, or says what is wrong with it.
+        """
+        return self._repeated_one.of_one(step, self._state())
+
+    def repeated_many(self, step: ObservedStep) -> BatchOutcome | None:
+        """Return what B steps are worth, if they can be repeated from others, as `repeated` does.
+
+        Args:
+            step: as for `transitions`.
+        """
+        return self._repeated.of_many(step, self._state())
+
+    def _state(self) -> object:
+        """Return what is equal as long as no number has changed."""
+        return self.coefficients.changes.count, self.parameters.changes.count
+
     def _of_scenes(self, step: ObservedStep, given: Mapping[str, Array]) -> BatchOutcome:
+        found = None if given else self.repeated_many(step)
+        return found or self._evaluated_scenes(step, given)
+
+    def _evaluated_scenes(
+        self, step: ObservedStep, given: Mapping[str, Array] = MappingProxyType({})
+    ) -> BatchOutcome:
         scenes = self._scenes_reader.read(step, given=given, numbers=self._all_numbers())
         signals = {
             name: _column(name, value, scenes.size)

@@ -52,7 +52,7 @@ ORDER = {
         {"observations"},
         {"engines"},
         {"outcome", "logs"},
-        {"explain"},
+        {"explain", "recorded_steps"},
         {"reward"},
         {"", "wrappers"},
         {"sb3"},

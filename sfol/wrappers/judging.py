@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, SupportsFloat, TypeVar
 
 from sfol.facts import Facts
+from sfol.observations.plans import ObservedStep
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import FIRED, Shaping, log_items, named, total
@@ -84,11 +85,13 @@ class Judge(Generic[Observation, Action]):
         self._signals_of = signals
         self._shaping = shaping
         self._context = context
+        self._reads_all = facts is None and signals is None and shaping is None
 
     def begin(self, observation: Observation, info: Mapping[str, Any]) -> None:
         """Begin with a state."""
         # Environments may use one array for all their observations.
         self.observation = copy.deepcopy(observation)
+        self._facts: Facts | None
         if self._facts_of is None:
             self._facts = self._reward.observe(observation)
         else:
@@ -105,10 +108,16 @@ class Judge(Generic[Observation, Action]):
         terms = self._shaping.terms(before, self._potential, transition.terminated)
         items: dict[str, Any] = named(reward=terms, potential=self._potential)
         if self.reports_fired:
-            items[FIRED] = self._fired(self._reward.conclude(self._facts).fired)
+            items[FIRED] = self._fired(self._reward.conclude(self._facts_now()).fired)
         return Judgement(total(terms), terms, items)
 
     def _rewarded(self, transition: Transition[Observation, Action]) -> Judgement:
+        if self._reads_all and not self.reports_fired:
+            found = self._reward.repeated(_as_observed(transition))
+            if found is not None:
+                self.observation = copy.deepcopy(transition.next_observation)
+                self._facts = None  # read when they are asked for
+                return Judgement(found.reward, found.terms, log_items(found))
         outcome = self._judged(transition)
         items = log_items(outcome)
         if self.reports_fired:
@@ -116,10 +125,15 @@ class Judge(Generic[Observation, Action]):
         return Judgement(outcome.reward, outcome.terms, items)
 
     def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
-        signals, before = self._signals(transition), self._facts
+        signals, before = self._signals(transition), self._facts_now()
         self.begin(transition.next_observation, transition.info)
-        facts = before if self._reward.kb.facts_at == "state" else self._facts
+        facts = before if self._reward.kb.facts_at == "state" else self._facts_now()
         return self._reward.evaluate(facts, **signals)
+
+    def _facts_now(self) -> Facts:
+        if self._facts is None:
+            self._facts = self._reward.observe(self.observation)
+        return self._facts
 
     def _fired(self, rules: frozenset[str]) -> dict[str, bool]:
         return {rule: rule in rules for rule in self._reward.kb.rules}
@@ -127,18 +141,21 @@ class Judge(Generic[Observation, Action]):
     def _potential_of(self, observation: Observation, weight: str | None) -> Mapping[str, float]:
         """Return the summands of the potential of the state whose facts are remembered."""
         if weight is not None:
-            return {weight: self._reward.weights(self._facts)[weight]}
+            return {weight: self._reward.weights(self._facts_now())[weight]}
         signals = self._reward.observe_signals(observation)
-        return self._reward.evaluate(self._facts, **signals).terms
+        return self._reward.evaluate(self._facts_now(), **signals).terms
 
     def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
         given = {} if self._signals_of is None else self._signals_of(transition)
-        return self._reward.observe_signals(
-            transition.observation,
-            transition.action,
-            transition.next_observation,
-            transition.native,
-            transition.terminated,
-            transition.truncated,
-            **given,
-        )
+        return self._reward.observe_signals(*_as_observed(transition).wholes.values(), **given)
+
+
+def _as_observed(transition: Transition[Any, Any]) -> ObservedStep:
+    return ObservedStep(
+        transition.observation,
+        transition.action,
+        transition.next_observation,
+        transition.native,
+        transition.terminated,
+        transition.truncated,
+    )

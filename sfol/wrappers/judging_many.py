@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from sfol import arrays
 from sfol.arrays import Array
-from sfol.observations.plans import Observation
+from sfol.observations.plans import Observation, ObservedStep
+from sfol.outcome import BatchOutcome
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import Shaping, log_items, named, total
 from sfol.wrappers.nested import rows
@@ -108,6 +109,10 @@ class ManyJudge:
             zeros = np.zeros(len(taken))
             terms = dict.fromkeys(self._reward.kb.terms, zeros)
             return Judgements(zeros, terms, named(reward=terms), self._nothing(taken))
+        # Also of those who began anew, where that can be repeated: choosing rows takes longer.
+        found = self._reward.repeated_many(ObservedStep(*step))
+        if found is not None and not self.reports_fired:
+            return self._judgements(found, lambda values: np.where(taken, values, 0.0))
         chosen = ManySteps(*(rows(part, taken) for part in step))
         return self._rewarded(chosen, partial(_spread, mask=taken))
 
@@ -120,11 +125,18 @@ class ManyJudge:
         self._observations = copy.deepcopy(observations)
 
     def _rewarded(self, step: ManySteps, spread: Callable[[Array], Any]) -> Judgements:
-        outcome = self._reward.transitions(*step)
-        items = {name: spread(value) for name, value in log_items(outcome).items()}
-        terms = {name: items[f"reward_{name}"] for name in outcome.terms}
         at_next = self._reward.kb.facts_at == "next"
         fired = self._fired(step.landed if at_next else step.observations, spread)
+        return self._judgements(self._reward.transitions(*step), spread, fired)
+
+    @staticmethod
+    def _judgements(
+        outcome: BatchOutcome,
+        spread: Callable[[Array], Any],
+        fired: Mapping[str, Mask] | None = None,
+    ) -> Judgements:
+        items = {name: spread(value) for name, value in log_items(outcome).items()}
+        terms = {name: items[f"reward_{name}"] for name in outcome.terms}
         return Judgements(spread(outcome.reward), terms, items, fired)
 
     def _shaped(self, shaping: Shaping, step: ManySteps, taken: Mask) -> Judgements:

@@ -13,6 +13,7 @@ from sfol.arrays import Array
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.observations.plans import plan_of
 from sfol.outcome import BatchOutcome, Outcome
+from sfol.recorded_steps import StepReward
 from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
@@ -181,7 +182,7 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
 
 
-def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
+def log_items(outcome: Outcome | BatchOutcome | StepReward) -> dict[str, Any]:
     """Return the parts of an outcome under the names that loggers get.
 
     Args:

@@ -1,0 +1,216 @@
+"""The rewards of steps, repeated from a tape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sfol.arrays import Array
+from sfol.engines.batched import Bounds
+from sfol.engines.lanes import given
+from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
+from sfol.errors import SfolError
+from sfol.observations.plans import ObservedStep
+from sfol.outcome import BatchOutcome
+
+_Keys = tuple[Any, ...]
+
+
+class StepReward(NamedTuple):
+    """What a step is worth, without what it was concluded from.
+
+    Attributes:
+        reward: R.
+        terms: term → weight × formula, signed.
+        weights: weight → w.
+        confidences: head → τ̂ of the subject.
+    """
+
+    reward: float
+    terms: Mapping[str, float]
+    weights: Mapping[str, float]
+    confidences: Mapping[str, float]
+
+
+class _Leaf(NamedTuple):
+    """An array of a step: which whole it belongs to, the keys there, its shape without B."""
+
+    whole: str
+    keys: _Keys
+    shape: tuple[int, ...]
+
+
+class RecordedSteps:
+    """Repeats what a reward function does to steps.
+
+    It is recorded when it is asked for a second time with the same numbers, for one step and for B
+    steps apart. Steps of another form, and those for which the tape does not hold, are given back.
+
+    Args:
+        evaluate: the rewards of B steps.
+    """
+
+    def __init__(self, evaluate: Callable[[ObservedStep], BatchOutcome]) -> None:
+        self._evaluate = evaluate
+        self._state: object = None
+        self._asked = 0
+        self._recording: _Recording | None = None
+
+    def of_one(self, step: ObservedStep, state: object) -> StepReward | None:
+        """Return what one step is worth; None if it has to be found out by evaluation.
+
+        Args:
+            step: of one scene.
+            state: equal if the reward function has the same numbers.
+        """
+        recording = self._recorded(step, state, of_one=True)
+        return None if recording is None else recording.of_one(step)
+
+    def of_many(self, step: ObservedStep, state: object) -> BatchOutcome | None:
+        """Return what B steps are worth, as `of_one` does."""
+        recording = self._recorded(step, state, of_one=False)
+        return None if recording is None else recording.of_many(step)
+
+    def _recorded(self, step: ObservedStep, state: object, *, of_one: bool) -> _Recording | None:
+        if state != self._state:
+            self._state, self._asked, self._recording = state, 0, None
+        if self._asked < 2:
+            self._asked += 1
+            if self._asked == 2:
+                self._recording = _recording(self._evaluate, step, of_one=of_one)
+        return self._recording
+
+
+class _Recording:
+    """A tape of the rewards of steps.
+
+    Args:
+        leaves: name → the array that it names.
+        program: gives the reward and what it was made of.
+        like: the outcome that was recorded; what it has by which name.
+    """
+
+    def __init__(self, leaves: Sequence[_Leaf], program: Program, like: BatchOutcome) -> None:
+        self._program = program
+        self._needed: dict[int, list[int]] = {}  # of each array that is given
+        for name, index, _ in program.given:
+            self._needed.setdefault(name, []).append(index)
+        self._leaves = {name: leaves[name] for name in self._needed}
+        self._groups = [[*group] for group in (like.terms, like.weights, like.confidences)]
+        self._heads = [*like.bounds]
+
+    def of_one(self, step: ObservedStep) -> StepReward | None:
+        given = {}
+        for name, leaf in self._leaves.items():
+            numbers = _numbers(_found(step, leaf), leaf.shape)
+            if numbers is None:
+                return None
+            given[name] = numbers
+        values = self._program.of_numbers(given)
+        if values is None:
+            return None
+        rest = iter(values)
+        reward = next(rest)
+        return StepReward(reward, *(dict(zip(group, rest, strict=False)) for group in self._groups))
+
+    def of_many(self, step: ObservedStep) -> BatchOutcome | None:
+        given: dict[int, npt.NDArray[np.float64]] = {}
+        sizes = set()
+        for name, leaf in self._leaves.items():
+            value = _found(step, leaf)
+            if not _is_array(value) or value.shape[1:] != leaf.shape or not len(value):
+                return None
+            sizes.add(len(value))
+            columns = value.reshape(len(value), -1).T
+            given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
+            if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
+                return None
+        if len(sizes) != 1 or (size := sizes.pop()) * self._program.size > MOST_NUMBERS:
+            return None
+        values = self._program.of_arrays(given)
+        return None if values is None else self._outcome(values, size)
+
+    def _outcome(self, values: Sequence[Array], size: int) -> BatchOutcome:
+        seen: set[int] = set()
+        own = []
+        for value in values:  # each an array of its own, which can be written to
+            if not isinstance(value, np.ndarray):
+                own.append(np.full(size, value))
+            elif id(value) in seen or value.base is not None:
+                own.append(value.copy())
+            else:
+                own.append(value)
+            seen.add(id(value))
+        rest = iter(own)
+        reward = next(rest)
+        terms, weights, confidences = (
+            {name: next(rest) for name in group} for group in self._groups
+        )
+        bounds = {head: Bounds(next(rest), next(rest), next(rest)) for head in self._heads}
+        return BatchOutcome(reward, terms, weights, confidences, bounds)
+
+
+def _recording(
+    evaluate: Callable[[ObservedStep], BatchOutcome], step: ObservedStep, *, of_one: bool
+) -> _Recording | None:
+    """Record the evaluation of the first of some steps, if that can be done."""
+    tape = Tape()
+    leaves: list[_Leaf] = []
+
+    def recorded(whole: str, keys: _Keys, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: recorded(whole, (*keys, key), part) for key, part in value.items()}
+        if isinstance(value, tuple):
+            return tuple(recorded(whole, (*keys, i), part) for i, part in enumerate(value))
+        if value is None:
+            return None
+        first = np.asarray(value)[None] if of_one else np.asarray(value)[:1]
+        if isinstance(value, list) or not _is_array(first):
+            raise NotRecordableError
+        leaves.append(_Leaf(whole, keys, first.shape[1:]))
+        return given(tape, len(leaves) - 1, first)
+
+    try:
+        wholes = [recorded(name, (), value) for name, value in step.wholes.items()]
+        outcome = evaluate(ObservedStep(*wholes))
+        return _Recording(leaves, tape.program(_lanes(outcome, single=of_one)), outcome)
+    except (NotRecordableError, SfolError, TypeError):
+        return None  # an evaluation will say what is wrong with it, if anything is
+
+
+def _lanes(outcome: BatchOutcome, *, single: bool) -> list[int]:
+    groups = (outcome.terms, outcome.weights, outcome.confidences)
+    found = [outcome.reward, *(value for group in groups for value in group.values())]
+    if not single:
+        found += [end for b in outcome.bounds.values() for end in (b.lower, b.upper, b.known)]
+    return [value.ids.reshape(()).item() for value in found]
+
+
+def _found(step: ObservedStep, leaf: _Leaf) -> Any:
+    """Return an array of a step, or None if there is none."""
+    value = step.wholes[leaf.whole]
+    try:
+        for key in leaf.keys:
+            value = value[key]
+    except (KeyError, IndexError, TypeError):
+        return None
+    return value
+
+
+def _is_array(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> list[float] | None:
+    """Return the numbers of one scene's array, or single number; None if it is none."""
+    if isinstance(value, np.ndarray):
+        if value.shape != shape or value.dtype.kind not in "biuf":
+            return None
+        numbers: list[float] = value.reshape(-1).tolist()
+        return numbers if value.dtype.kind == "f" else [float(number) for number in numbers]
+    if shape or not isinstance(value, float | int | np.number | np.bool_):
+        return None
+    return [float(value)]
