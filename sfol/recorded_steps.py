@@ -13,32 +13,17 @@ from sfol.engines.batched import Bounds
 from sfol.engines.lanes import given
 from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
 from sfol.errors import SfolError
-from sfol.observations.plans import ObservedStep
+from sfol.observations.plans import Observation, ObservedStep
 from sfol.outcome import BatchOutcome
 
 _Keys = tuple[Any, ...]
-
-
-class StepReward(NamedTuple):
-    """What a step is worth, without what it was concluded from.
-
-    Attributes:
-        reward: R.
-        terms: term → weight × formula, signed.
-        weights: weight → w.
-        confidences: head → τ̂ of the subject.
-    """
-
-    reward: float
-    terms: Mapping[str, float]
-    weights: Mapping[str, float]
-    confidences: Mapping[str, float]
+_Step = Sequence[Observation]
 
 
 class _Leaf(NamedTuple):
-    """An array of a step: which whole it belongs to, the keys there, its shape without B."""
+    """An array of a step: of which whole, the keys there, and its shape without B."""
 
-    whole: str
+    whole: int
     keys: _Keys
     shape: tuple[int, ...]
 
@@ -46,41 +31,62 @@ class _Leaf(NamedTuple):
 class RecordedSteps:
     """Repeats what a reward function does to steps.
 
-    It is recorded when it is asked for a second time with the same numbers, for one step and for B
-    steps apart. Steps of another form, and those for which the tape does not hold, are given back.
+    It is recorded when it is asked for a second time with the same numbers. Steps of another form,
+    and those for which the tape does not hold, are given back.
+
+    Steps are what `ObservedStep` has, in its order. What one is worth are numbers: R, then the
+    terms, the weights and the confidences of the subject's heads, in the knowledge base's order.
 
     Args:
         evaluate: the rewards of B steps.
+        of_one: whether steps are of one scene, without an axis B.
+        bounds: whether those of heads are wanted, too: the lower, the upper, and whether it is
+            known, for each.
     """
 
-    def __init__(self, evaluate: Callable[[ObservedStep], BatchOutcome]) -> None:
+    def __init__(
+        self,
+        evaluate: Callable[[ObservedStep], BatchOutcome],
+        *,
+        of_one: bool = False,
+        bounds: bool = False,
+    ) -> None:
         self._evaluate = evaluate
+        self._of_one = of_one
+        self._bounds = bounds
         self._state: object = None
         self._asked = 0
         self._recording: _Recording | None = None
 
-    def of_one(self, step: ObservedStep, state: object) -> StepReward | None:
+    def numbers(self, step: _Step, state: object) -> list[float] | None:
         """Return what one step is worth; None if it has to be found out by evaluation.
 
         Args:
             step: of one scene.
             state: equal if the reward function has the same numbers.
         """
-        recording = self._recorded(step, state, of_one=True)
-        return None if recording is None else recording.of_one(step)
+        recording = self._recorded(step, state)
+        return None if recording is None else recording.numbers(step)
 
-    def of_many(self, step: ObservedStep, state: object) -> BatchOutcome | None:
-        """Return what B steps are worth, as `of_one` does."""
-        recording = self._recorded(step, state, of_one=False)
-        return None if recording is None else recording.of_many(step)
+    def arrays(self, step: _Step, state: object) -> list[Array] | None:
+        """Return what B steps are worth, arrays (B,) or numbers, as `numbers` does."""
+        recording = self._recorded(step, state)
+        return None if recording is None else recording.arrays(step)
 
-    def _recorded(self, step: ObservedStep, state: object, *, of_one: bool) -> _Recording | None:
+    def outcome(self, step: _Step, state: object) -> BatchOutcome | None:
+        """Return what B steps are worth, with bounds, as `numbers` does."""
+        recording = self._recorded(step, state)
+        return None if recording is None else recording.outcome(step)
+
+    def _recorded(self, step: _Step, state: object) -> _Recording | None:
         if state != self._state:
             self._state, self._asked, self._recording = state, 0, None
         if self._asked < 2:
             self._asked += 1
             if self._asked == 2:
-                self._recording = _recording(self._evaluate, step, of_one=of_one)
+                self._recording = _recording(
+                    self._evaluate, step, of_one=self._of_one, bounds=self._bounds
+                )
         return self._recording
 
 
@@ -102,21 +108,16 @@ class _Recording:
         self._groups = [[*group] for group in (like.terms, like.weights, like.confidences)]
         self._heads = [*like.bounds]
 
-    def of_one(self, step: ObservedStep) -> StepReward | None:
+    def numbers(self, step: _Step) -> list[float] | None:
         given = {}
         for name, leaf in self._leaves.items():
             numbers = _numbers(_found(step, leaf), leaf.shape)
             if numbers is None:
                 return None
             given[name] = numbers
-        values = self._program.of_numbers(given)
-        if values is None:
-            return None
-        rest = iter(values)
-        reward = next(rest)
-        return StepReward(reward, *(dict(zip(group, rest, strict=False)) for group in self._groups))
+        return self._program.of_numbers(given)
 
-    def of_many(self, step: ObservedStep) -> BatchOutcome | None:
+    def arrays(self, step: _Step) -> list[Array] | None:
         given: dict[int, npt.NDArray[np.float64]] = {}
         sizes = set()
         for name, leaf in self._leaves.items():
@@ -128,23 +129,16 @@ class _Recording:
             given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
             if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
                 return None
-        if len(sizes) != 1 or (size := sizes.pop()) * self._program.size > MOST_NUMBERS:
+        if len(sizes) != 1 or sizes.pop() * self._program.size > MOST_NUMBERS:
             return None
-        values = self._program.of_arrays(given)
-        return None if values is None else self._outcome(values, size)
+        return self._program.of_arrays(given)
 
-    def _outcome(self, values: Sequence[Array], size: int) -> BatchOutcome:
-        seen: set[int] = set()
-        own = []
-        for value in values:  # each an array of its own, which can be written to
-            if not isinstance(value, np.ndarray):
-                own.append(np.full(size, value))
-            elif id(value) in seen or value.base is not None:
-                own.append(value.copy())
-            else:
-                own.append(value)
-            seen.add(id(value))
-        rest = iter(own)
+    def outcome(self, step: _Step) -> BatchOutcome | None:
+        values = self.arrays(step)
+        if values is None:
+            return None
+        size = len(_found(step, next(iter(self._leaves.values()))))
+        rest = iter(_apart(values, size))
         reward = next(rest)
         terms, weights, confidences = (
             {name: next(rest) for name in group} for group in self._groups
@@ -153,14 +147,29 @@ class _Recording:
         return BatchOutcome(reward, terms, weights, confidences, bounds)
 
 
+def _apart(values: Sequence[Array], size: int) -> list[Array]:
+    """Return values as arrays (B,), each one of its own, which can be written to."""
+    seen: set[int] = set()
+    own: list[Array] = []
+    for value in values:
+        if not isinstance(value, np.ndarray):
+            own.append(np.full(size, value))
+        elif id(value) in seen or value.base is not None:
+            own.append(value.copy())
+        else:
+            own.append(value)
+        seen.add(id(value))
+    return own
+
+
 def _recording(
-    evaluate: Callable[[ObservedStep], BatchOutcome], step: ObservedStep, *, of_one: bool
+    evaluate: Callable[[ObservedStep], BatchOutcome], step: _Step, *, of_one: bool, bounds: bool
 ) -> _Recording | None:
     """Record the evaluation of the first of some steps, if that can be done."""
     tape = Tape()
     leaves: list[_Leaf] = []
 
-    def recorded(whole: str, keys: _Keys, value: Any) -> Any:
+    def recorded(whole: int, keys: _Keys, value: Any) -> Any:
         if isinstance(value, Mapping):
             return {key: recorded(whole, (*keys, key), part) for key, part in value.items()}
         if isinstance(value, tuple):
@@ -174,24 +183,24 @@ def _recording(
         return given(tape, len(leaves) - 1, first)
 
     try:
-        wholes = [recorded(name, (), value) for name, value in step.wholes.items()]
+        wholes = [recorded(i, (), value) for i, value in enumerate(step)]
         outcome = evaluate(ObservedStep(*wholes))
-        return _Recording(leaves, tape.program(_lanes(outcome, single=of_one)), outcome)
+        return _Recording(leaves, tape.program(_lanes(outcome, bounds=bounds)), outcome)
     except (NotRecordableError, SfolError, TypeError):
         return None  # an evaluation will say what is wrong with it, if anything is
 
 
-def _lanes(outcome: BatchOutcome, *, single: bool) -> list[int]:
+def _lanes(outcome: BatchOutcome, *, bounds: bool) -> list[int]:
     groups = (outcome.terms, outcome.weights, outcome.confidences)
     found = [outcome.reward, *(value for group in groups for value in group.values())]
-    if not single:
+    if bounds:
         found += [end for b in outcome.bounds.values() for end in (b.lower, b.upper, b.known)]
     return [value.ids.reshape(()).item() for value in found]
 
 
-def _found(step: ObservedStep, leaf: _Leaf) -> Any:
+def _found(step: _Step, leaf: _Leaf) -> Any:
     """Return an array of a step, or None if there is none."""
-    value = step.wholes[leaf.whole]
+    value = step[leaf.whole]
     try:
         for key in leaf.keys:
             value = value[key]

@@ -32,7 +32,7 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.recorded_steps import RecordedSteps, StepReward
+from sfol.recorded_steps import RecordedSteps
 from sfol.syntax import Atom
 
 if TYPE_CHECKING:
@@ -197,8 +197,9 @@ class RewardFunction:
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
         self._reader = ObservationReader(self.kb)
         self._scenes_reader = ScenesReader(self.kb)
-        self._repeated_one = RecordedSteps(self._evaluated_scenes)
-        self._repeated = RecordedSteps(self._evaluated_scenes)
+        self._repeated_one = RecordedSteps(self._evaluated_scenes, of_one=True)
+        self._repeated_many = RecordedSteps(self._evaluated_scenes)
+        self._repeated_outcomes = RecordedSteps(self._evaluated_scenes, bounds=True)
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -232,6 +233,11 @@ class RewardFunction:
     def reads_facts(self) -> bool:
         """Whether the knowledge base says how facts are read off an observation, or needs none."""
         return self._reader.reads_facts
+
+    @property
+    def subject_heads(self) -> tuple[str, ...]:
+        """The heads whose confidences an outcome has, in its order."""
+        return self._engine.program.subject_heads
 
     @property
     def hash(self) -> str:
@@ -617,31 +623,33 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def repeated(self, step: ObservedStep) -> StepReward | None:
-        """Return what one step is worth, if it can be repeated from others; several times as fast.
+    def repeated(self, step: Sequence[Observation]) -> list[float] | None:
+        """Return what one step is worth, if it can be repeated; several times as fast.
 
         Args:
-            step: as for `transition`.
+            step: the six arguments of `transition`, some of which may be None.
 
         Returns:
-            None if that is not so: `transition` gives it, or says what is wrong with it.
+            R, then the terms, weights and confidences of heads, in the order of an `Outcome`; None
+            if they can't be repeated: `transition` gives them, or says what is wrong.
         """
-        return self._repeated_one.of_one(step, self._state())
+        return self._repeated_one.numbers(step, self._state())
 
-    def repeated_many(self, step: ObservedStep) -> BatchOutcome | None:
-        """Return what B steps are worth, if they can be repeated from others, as `repeated` does.
+    def repeated_many(self, step: Sequence[Observation]) -> list[Array] | None:
+        """Return what B steps are worth, arrays (B,) or numbers, as `repeated` does for one.
 
         Args:
-            step: as for `transitions`.
+            step: the six arguments of `transitions`, some of which may be None.
         """
-        return self._repeated.of_many(step, self._state())
+        return self._repeated_many.arrays(step, self._state())
 
     def _state(self) -> object:
         """Return what is equal as long as no number has changed."""
         return self.coefficients.changes.count, self.parameters.changes.count
 
     def _of_scenes(self, step: ObservedStep, given: Mapping[str, Array]) -> BatchOutcome:
-        found = None if given else self.repeated_many(step)
+        wholes = tuple(step.wholes.values())
+        found = None if given else self._repeated_outcomes.outcome(wholes, self._state())
         return found or self._evaluated_scenes(step, given)
 
     def _evaluated_scenes(

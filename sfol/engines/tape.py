@@ -339,8 +339,9 @@ class Program:
             if number != number:  # noqa: PLR0124 (NaN, and math.isnan takes longer)
                 return None
         _run(self._of_numbers, lanes)
-        if any(lanes[place] != value for place, value in self._guards):
-            return None
+        for place, value in self._guards:
+            if lanes[place] != value:
+                return None
         return [lanes[place] for place in self._outputs]
 
     def of_arrays(self, given: Mapping[int, npt.NDArray[np.float64]]) -> list[Array] | None:

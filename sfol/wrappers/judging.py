@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, SupportsFloat, TypeVar
 
 from sfol.facts import Facts
-from sfol.observations.plans import ObservedStep
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import FIRED, Shaping, log_items, named, total
+from sfol.wrappers.modes import FIRED, Shaping, item_names, log_items, named, total
 
 Observation = TypeVar("Observation")
 Action = TypeVar("Action")
 
 
-@dataclass(frozen=True)
-class Transition(Generic[Observation, Action]):
+class Transition(NamedTuple, Generic[Observation, Action]):
     """One step (s, a, s') of an environment.
 
     Attributes:
@@ -85,6 +82,7 @@ class Judge(Generic[Observation, Action]):
         self._signals_of = signals
         self._shaping = shaping
         self._context = context
+        self._names = item_names(reward)
         self._reads_all = facts is None and signals is None and shaping is None
 
     def begin(self, observation: Observation, info: Mapping[str, Any]) -> None:
@@ -113,11 +111,13 @@ class Judge(Generic[Observation, Action]):
 
     def _rewarded(self, transition: Transition[Observation, Action]) -> Judgement:
         if self._reads_all and not self.reports_fired:
-            found = self._reward.repeated(_as_observed(transition))
+            found = self._reward.repeated(transition[:6])
             if found is not None:
                 self.observation = copy.deepcopy(transition.next_observation)
                 self._facts = None  # read when they are asked for
-                return Judgement(found.reward, found.terms, log_items(found))
+                value, *numbers = found
+                terms = dict(zip(self._reward.kb.terms, numbers, strict=False))
+                return Judgement(value, terms, dict(zip(self._names, numbers, strict=True)))
         outcome = self._judged(transition)
         items = log_items(outcome)
         if self.reports_fired:
@@ -147,15 +147,4 @@ class Judge(Generic[Observation, Action]):
 
     def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
         given = {} if self._signals_of is None else self._signals_of(transition)
-        return self._reward.observe_signals(*_as_observed(transition).wholes.values(), **given)
-
-
-def _as_observed(transition: Transition[Any, Any]) -> ObservedStep:
-    return ObservedStep(
-        transition.observation,
-        transition.action,
-        transition.next_observation,
-        transition.native,
-        transition.terminated,
-        transition.truncated,
-    )
+        return self._reward.observe_signals(*transition[:6], **given)

@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from sfol import arrays
 from sfol.arrays import Array
-from sfol.observations.plans import Observation, ObservedStep
-from sfol.outcome import BatchOutcome
+from sfol.observations.plans import Observation
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import Shaping, log_items, named, total
+from sfol.wrappers.modes import Shaping, item_names, log_items, named, total
 from sfol.wrappers.nested import rows
 
 Reals = npt.NDArray[np.float64]
@@ -73,6 +72,7 @@ class ManyJudge:
         self.reports_fired = False
         self._reward = reward
         self._shaping = shaping
+        self._names = item_names(reward)
 
     def begin(self, observations: Observation) -> None:
         """Begin with some states."""
@@ -103,16 +103,18 @@ class ManyJudge:
         step = ManySteps(self._observations, actions, landed, native, terminated, truncated)
         if self._shaping is not None:
             return self._shaped(self._shaping, step, taken)
+        # Also of those who began anew, where that can be repeated: choosing rows takes longer.
+        found = None if self.reports_fired else self._reward.repeated_many(step)
+        if found is not None:
+            value, *numbers = (np.where(taken, number, 0.0) for number in found)
+            terms = dict(zip(self._reward.kb.terms, numbers, strict=False))
+            return Judgements(value, terms, dict(zip(self._names, numbers, strict=True)), None)
         if taken.all():
             return self._rewarded(step, arrays.plain)
         if not taken.any():
             zeros = np.zeros(len(taken))
             terms = dict.fromkeys(self._reward.kb.terms, zeros)
             return Judgements(zeros, terms, named(reward=terms), self._nothing(taken))
-        # Also of those who began anew, where that can be repeated: choosing rows takes longer.
-        found = self._reward.repeated_many(ObservedStep(*step))
-        if found is not None and not self.reports_fired:
-            return self._judgements(found, lambda values: np.where(taken, values, 0.0))
         chosen = ManySteps(*(rows(part, taken) for part in step))
         return self._rewarded(chosen, partial(_spread, mask=taken))
 
@@ -125,18 +127,11 @@ class ManyJudge:
         self._observations = copy.deepcopy(observations)
 
     def _rewarded(self, step: ManySteps, spread: Callable[[Array], Any]) -> Judgements:
-        at_next = self._reward.kb.facts_at == "next"
-        fired = self._fired(step.landed if at_next else step.observations, spread)
-        return self._judgements(self._reward.transitions(*step), spread, fired)
-
-    @staticmethod
-    def _judgements(
-        outcome: BatchOutcome,
-        spread: Callable[[Array], Any],
-        fired: Mapping[str, Mask] | None = None,
-    ) -> Judgements:
+        outcome = self._reward.transitions(*step)
         items = {name: spread(value) for name, value in log_items(outcome).items()}
         terms = {name: items[f"reward_{name}"] for name in outcome.terms}
+        at_next = self._reward.kb.facts_at == "next"
+        fired = self._fired(step.landed if at_next else step.observations, spread)
         return Judgements(spread(outcome.reward), terms, items, fired)
 
     def _shaped(self, shaping: Shaping, step: ManySteps, taken: Mask) -> Judgements:

@@ -13,7 +13,6 @@ from sfol.arrays import Array
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.observations.plans import plan_of
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.recorded_steps import StepReward
 from sfol.reward import RewardFunction
 
 MODES = ("replace", "add", "potential")
@@ -182,7 +181,14 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
 
 
-def log_items(outcome: Outcome | BatchOutcome | StepReward) -> dict[str, Any]:
+def item_names(reward: RewardFunction) -> tuple[str, ...]:
+    """Return the names of `log_items` of every outcome of a reward function, in their order."""
+    kb = reward.kb
+    groups = {"reward": kb.terms, "weight": kb.weights, "confidence": reward.subject_heads}
+    return tuple(f"{group}_{name}" for group, names in groups.items() for name in names)
+
+
+def log_items(outcome: Outcome | BatchOutcome) -> dict[str, Any]:
     """Return the parts of an outcome under the names that loggers get.
 
     Args:

@@ -24,11 +24,12 @@ SEMANTICS = [
 ]
 
 
-def ready(reward, *steps):
-    """Return a reward function that was asked so often that it repeats; of one step and of many."""
-    for step in (*steps, *steps):
+def ready(reward, step):
+    """Return a reward function that was asked so often that it repeats, one step and many."""
+    for _ in range(2):
         reward.repeated_many(step)
-        reward.repeated(ObservedStep(*(part_of(whole, 0) for whole in step.wholes.values())))
+        reward.transitions(*step)
+        reward.repeated([part_of(whole, 0) for whole in step])
     return reward
 
 
@@ -36,37 +37,55 @@ def part_of(whole, scene):
     return None if whole is None else part(whole, scene)
 
 
+def alone(observations):
+    """Return a step of which there is nothing but the observations before."""
+    return [observations, *[None] * 5]
+
+
 def without_nan(whole):
     return {**whole, "people": np.nan_to_num(whole["people"])} if isinstance(whole, dict) else whole
 
 
 def step_of(seed, **given):
-    return ObservedStep(*map(without_nan, drawn(seed, **given)))
+    return [*map(without_nan, drawn(seed, **given)), None, None, None]
+
+
+def named(reward, numbers):
+    """Return what is repeated by the names that an outcome has."""
+    rest = iter(numbers)
+    groups = {"terms": reward.kb.terms, "weights": reward.kb.weights}
+    groups["confidences"] = reward.subject_heads
+    value = next(rest)
+    found = {group: {name: next(rest) for name in names} for group, names in groups.items()}
+    assert next(rest, None) is None
+    return value, found
 
 
 def assert_repeated(reward, step):
-    """Compare a repeated outcome of many, and of each alone, with evaluations."""
-    found, expected = reward.repeated_many(step), reward._evaluated_scenes(step)
-    assert found is not None
+    """Compare what is repeated, many at once and each alone, with evaluations."""
+    assert reward._repeated_outcomes.outcome(step, reward._state()) is not None
+    found, expected = reward.transitions(*step), reward._evaluated_scenes(ObservedStep(*step))
+    value, groups = named(reward, reward.repeated_many(step))
+    assert value.tolist() == found.reward.tolist()
     compare_all(found.reward, expected.reward)
-    for group in ("terms", "weights", "confidences"):
+    for group, items in groups.items():
         ours, others = getattr(found, group), getattr(expected, group)
-        assert [*ours] == [*others]
+        assert [*ours] == [*others] == [*items]
         for name in others:
             compare_all(ours[name], others[name])
+            assert np.broadcast_to(items[name], len(value)).tolist() == ours[name].tolist()
     for head, bounds in expected.bounds.items():
-        ours = found.bounds[head]
-        assert ours.known.tolist() == bounds.known.tolist()
+        ours, known = found.bounds[head], bounds.known
+        assert ours.known.tolist() == known.tolist()
         for end in ("lower", "upper"):
-            known = bounds.known
             compare_all(getattr(ours, end)[known], getattr(bounds, end)[known])
-    for scene in range(len(found.reward)):
-        wholes = [part_of(whole, scene) for whole in step.wholes.values()]
-        alone, outcome = reward.repeated(ObservedStep(*wholes)), reward.transition(*wholes)
-        assert alone.reward == pytest.approx(outcome.reward, abs=1e-12)
-        for group in ("terms", "weights", "confidences"):
-            ours, others = getattr(alone, group), getattr(outcome, group)
-            assert ours == pytest.approx(others, abs=1e-12)
+    for scene in range(len(value)):
+        wholes = [part_of(whole, scene) for whole in step]
+        alone, groups = named(reward, reward.repeated(wholes))
+        outcome = reward.transition(*wholes)
+        assert alone == pytest.approx(outcome.reward, abs=1e-12)
+        for group, items in groups.items():
+            assert items == pytest.approx(getattr(outcome, group), abs=1e-12)
 
 
 def compare_all(found, expected):
@@ -94,13 +113,13 @@ def test_every_operator_over_entities(rewards, seed, which, size):
 @given(SEEDS, st.sampled_from([0.1, 1.0, 5.0]))
 def test_cartpole(seed, spread):
     observations = np.random.default_rng(seed).normal(0, spread, (20, 4)).astype(np.float32)
-    reward = ready(sfol.RewardFunction("cartpole"), ObservedStep(observations))
-    assert_repeated(reward, ObservedStep(observations[::-1]))
+    reward = ready(sfol.RewardFunction("cartpole"), alone(observations))
+    assert_repeated(reward, alone(observations[::-1]))
 
 
 def test_another_number_counts_at_once():
     observations = np.random.default_rng(0).normal(0, 1, (9, 4))
-    step = ObservedStep(observations)
+    step = alone(observations)
     reward = ready(sfol.RewardFunction("cartpole"), step)
     for gain in (3.0, 0.5):
         reward.parameters["balance"]["gain"] = gain
@@ -112,18 +131,18 @@ def test_another_number_counts_at_once():
 
 
 def test_outcomes_are_their_own():
-    step = ObservedStep(np.random.default_rng(0).normal(0, 1, (9, 4)))
+    step = alone(np.random.default_rng(0).normal(0, 1, (9, 4)))
     reward = ready(sfol.RewardFunction("cartpole"), step)
-    first, second = reward.repeated_many(step), reward.repeated_many(step)
+    first, second = reward.transitions(*step), reward.transitions(*step)
     for values in (*first.terms.values(), *first.weights.values(), first.reward):
         values[:] = 7.0
     assert first.confidences["balanced"].max() <= 1.0
-    compare_all(second.reward, reward._evaluated_scenes(step).reward)
+    compare_all(second.reward, reward._evaluated_scenes(ObservedStep(*step)).reward)
 
 
 def test_what_is_wrong_with_a_later_step_is_said():
     good = np.random.default_rng(0).normal(0, 0.1, (9, 4))
-    reward = ready(sfol.RewardFunction("cartpole"), ObservedStep(good))
+    reward = ready(sfol.RewardFunction("cartpole"), alone(good))
     bad = good.copy()
     bad[4, 2] = np.nan
     with pytest.raises(FactError, match=r"cart\.angle"):
@@ -143,15 +162,15 @@ def test_what_is_wrong_with_a_later_step_is_said():
 
 @pytest.mark.parametrize("people", [0, 2, 3])
 def test_tables_of_other_sizes_are_evaluated(rewards, people):
-    transitions = [part for part in step_of(1, people=people).wholes.values() if part is not None]
-    assert rewards[0].repeated_many(ObservedStep(*transitions)) is None
-    outcome = rewards[0].transition(*transitions)
-    alone = [rewards[0].transition(*(part_of(w, i) for w in transitions)) for i in range(7)]
-    assert outcome.reward == pytest.approx([one.reward for one in alone])
+    step = step_of(1, people=people)
+    assert rewards[0].repeated_many(step) is None
+    outcome = rewards[0].transition(*step)
+    single = [rewards[0].transition(*(part_of(w, i) for w in step)) for i in range(7)]
+    assert outcome.reward == pytest.approx([one.reward for one in single])
 
 
 def test_who_is_absent_may_be_nan(rewards):
-    step = ObservedStep(*drawn(5))
+    step = [*drawn(5), None, None, None]
     assert rewards[0].repeated_many(step) is None
     assert np.isfinite(rewards[0].transition(*drawn(5)).reward).all()
 
@@ -165,13 +184,13 @@ def test_tensors_are_not_taken_for_constants():
     for _ in range(4):
         reward.transition(observations).reward.sum().backward()
     assert coefficient.grad > 0.0
-    plain = ready(sfol.RewardFunction("cartpole"), ObservedStep(observations))
+    plain = ready(sfol.RewardFunction("cartpole"), alone(observations))
     assert isinstance(plain.transition(torch.as_tensor(observations)).reward, torch.Tensor)
 
 
 def test_signals_that_are_given_are_not_read_from_a_tape():
     observations = np.random.default_rng(0).normal(2, 0.1, (5, 4))
-    reward = ready(sfol.RewardFunction("cartpole"), ObservedStep(observations))
+    reward = ready(sfol.RewardFunction("cartpole"), alone(observations))
     given = reward.transition(observations, speed=np.full(5, 10.0))
     assert given.terms["track"] != pytest.approx(reward.transition(observations).terms["track"])
 
