@@ -18,6 +18,7 @@ from sfol.outcome import BatchOutcome
 
 _Keys = tuple[Any, ...]
 _Step = Sequence[Observation]
+_NUMBERS = (float, int, np.number, np.bool_)
 
 
 class _Leaf(NamedTuple):
@@ -79,6 +80,8 @@ class RecordedSteps:
         return None if recording is None else recording.outcome(step)
 
     def _recorded(self, step: _Step, state: object) -> _Recording | None:
+        if not _is_plain(step[0]):
+            return None
         if state != self._state:
             self._state, self._asked, self._recording = state, 0, None
         if self._asked < 2:
@@ -176,8 +179,10 @@ def _recording(
             return tuple(recorded(whole, (*keys, i), part) for i, part in enumerate(value))
         if value is None:
             return None
-        first = np.asarray(value)[None] if of_one else np.asarray(value)[:1]
-        if isinstance(value, list) or not _is_array(first):
+        if not isinstance(value, (np.ndarray, *_NUMBERS) if of_one else np.ndarray):
+            raise NotRecordableError
+        first: Any = np.asarray(value)[None] if of_one else np.asarray(value)[:1]
+        if not _is_array(first):
             raise NotRecordableError
         leaves.append(_Leaf(whole, keys, first.shape[1:]))
         return given(tape, len(leaves) - 1, first)
@@ -209,6 +214,14 @@ def _found(step: _Step, leaf: _Leaf) -> Any:
     return value
 
 
+def _is_plain(observation: Observation) -> bool:
+    """Tell whether an observation has numbers or numpy's arrays, going by the first of them."""
+    while isinstance(observation, dict | tuple) and observation:
+        values = observation.values() if isinstance(observation, dict) else observation
+        observation = next(iter(values))
+    return isinstance(observation, np.ndarray | float | int | np.generic)
+
+
 def _is_array(value: object) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
 
@@ -220,6 +233,6 @@ def _numbers(value: Any, shape: tuple[int, ...]) -> list[float] | None:
             return None
         numbers: list[float] = value.reshape(-1).tolist()
         return numbers if value.dtype.kind == "f" else [float(number) for number in numbers]
-    if shape or not isinstance(value, float | int | np.number | np.bool_):
+    if shape or not isinstance(value, _NUMBERS):
         return None
     return [float(value)]

@@ -249,3 +249,16 @@ def test_what_no_tape_holds_is_refused():
         with pytest.raises((NotRecordableError, TypeError)):
             use(array)
     assert isinstance(np.ones(2) + array, Recorded)
+
+
+@pytest.mark.parametrize("gradients", [False, True])
+def test_observations_as_tensors_are_evaluated(gradients):
+    torch = pytest.importorskip("torch")
+    reward = sfol.RewardFunction("cartpole")
+    observations = torch.full((5, 4), 0.05, dtype=torch.float64, requires_grad=gradients)
+    values = [reward.transition(observations).reward for _ in range(4)]
+    assert all(isinstance(value, torch.Tensor) for value in values)
+    if gradients:
+        values[-1].sum().backward()
+        assert observations.grad.abs().sum() > 0.0
+    assert reward._repeated_outcomes._asked == 0
