@@ -93,7 +93,8 @@ class Numbers(MutableMapping[str, float]):
             raise UsageError(
                 f"'{name}' can't be {number!r:.80}", name=name, suggestion="give a finite number"
             )
-        if value is not self._numbers[name]:
+        old = self._numbers[name]
+        if value is not old and not (type(value) is type(old) is float and value == old):
             self._changes.count += 1
         self._numbers[name] = value
 

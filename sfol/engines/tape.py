@@ -27,6 +27,7 @@ from sfol.engines.ranges import ANY, RANGES, Range
 
 MOST_LANES = 4_000  # of a program; recording more takes too long
 MOST_NUMBERS = 1 << 24  # of all lanes of a program, in all scenes: 128 MB
+_DEEPEST, _MOST_NARROWED = 50, 200  # so that long sums are recorded in little time
 Number = float | bool
 
 
@@ -234,15 +235,23 @@ class Tape:
             if operation == "and":
                 holding.update(rest)
                 waiting += rest
-        return self._under(holding, lane)
+        return self._under(holding, lane, {}, 0)
 
-    def _under(self, holding: Set[int], lane: int) -> int:
+    def _under(self, holding: Set[int], lane: int, known: dict[int, int], depth: int) -> int:
+        """Return a lane under conditions; lanes that are far from it stay as they are."""
         operation, *rest = self._entries[lane]
-        if operation not in OPERATIONS or lane < min(holding):  # nothing asks for it there
+        # What stands before the conditions does not ask for them.
+        if operation not in OPERATIONS or lane < min(holding):
             return lane
-        if operation == "where" and rest[0] in holding:
-            return self._under(holding, rest[1])
-        return self.applied(operation, *(self._under(holding, inner) for inner in rest))
+        if lane not in known and (depth >= _DEEPEST or len(known) >= _MOST_NARROWED):
+            return lane
+        if lane not in known:
+            if operation == "where" and rest[0] in holding:
+                known[lane] = self._under(holding, rest[1], known, depth + 1)
+            else:
+                inner = [self._under(holding, lane, known, depth + 1) for lane in rest]
+                known[lane] = lane if inner == rest else self.applied(operation, *inner)
+        return known[lane]
 
     def _implied(self) -> set[int]:
         """Return the lanes that are finite because another one is that is asked about."""

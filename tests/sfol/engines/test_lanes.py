@@ -262,3 +262,22 @@ def test_observations_as_tensors_are_evaluated(gradients):
         values[-1].sum().backward()
         assert observations.grad.abs().sum() > 0.0
     assert reward._repeated_outcomes._asked == 0
+
+
+def test_a_long_sum_under_a_condition_is_recorded_in_little_time():
+    tape = Tape()
+    x = recorded(tape, *np.linspace(-1.0, 1.0, 300))
+    total = 0.0
+    for index in range(300):
+        holds = x[index] > 0.0
+        total = arrays.where(holds, arrays.where(holds, x[index], 5.0) + total, total)
+    program = tape.program([total.ids.item()])
+    numbers = np.linspace(1.0, -1.0, 300)
+    assert program.of_numbers({0: numbers.tolist()}) == [pytest.approx(numbers[:150].sum())]
+
+
+def test_a_number_that_is_set_to_itself_changes_nothing():
+    step = alone(np.zeros((3, 4)))
+    reward = ready(sfol.RewardFunction("cartpole"), step)
+    reward.parameters["balance"]["gain"] = float("1.0")
+    assert reward.repeated_many(step) is not None
