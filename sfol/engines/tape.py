@@ -26,7 +26,7 @@ from sfol.arrays import Array, Indices
 from sfol.engines.ranges import ANY, RANGES, Range
 
 MOST_LANES = 4_000  # of a program; recording more takes too long
-MOST_NUMBERS = 1 << 24  # of all lanes of a program, in all scenes: 128 MB
+MOST_NUMBERS = 1 << 20  # of all lanes in all scenes: 8 MB; beyond them an evaluation is faster
 _DEEPEST, _MOST_NARROWED = 50, 200  # so that long sums are recorded in little time
 Number = float | bool
 
