@@ -127,14 +127,14 @@ class _Recording:
             value = _found(step, leaf)
             if not _is_array(value) or value.shape[1:] != leaf.shape or not len(value):
                 return None
+            if len(value) * self._program.size > MOST_NUMBERS:
+                return None
             sizes.add(len(value))
             columns = value.reshape(len(value), -1).T
             given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
             if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
                 return None
-        if len(sizes) != 1 or sizes.pop() * self._program.size > MOST_NUMBERS:
-            return None
-        return self._program.of_arrays(given)
+        return self._program.of_arrays(given) if len(sizes) == 1 else None
 
     def outcome(self, step: _Step) -> BatchOutcome | None:
         values = self.arrays(step)
