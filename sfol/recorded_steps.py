@@ -1,4 +1,4 @@
-"""The rewards of steps, repeated from a tape."""
+"""What is wanted of steps, such as their rewards, repeated from a tape."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sfol.arrays import Array
-from sfol.engines.batched import Bounds
 from sfol.engines.lanes import given
 from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
 from sfol.errors import SfolError
 from sfol.observations.plans import Observation, ObservedStep
-from sfol.outcome import BatchOutcome
 
 _Keys = tuple[Any, ...]
 _Step = Sequence[Observation]
@@ -35,32 +33,24 @@ class RecordedSteps:
     It is recorded when it is asked for a second time with the same numbers. Steps of another form,
     and those for which the tape does not hold, are given back.
 
-    Steps are what `ObservedStep` has, in its order. What one is worth are numbers: R, then the
-    terms, the weights and the confidences of the subject's heads, in the knowledge base's order.
+    Steps are what `ObservedStep` has, in its order.
 
     Args:
-        evaluate: the rewards of B steps.
+        evaluate: what is wanted of B steps, (B,) each.
         of_one: whether steps are of one scene, without an axis B.
-        bounds: whether those of heads are wanted, too: the lower, the upper, and whether it is
-            known, for each.
     """
 
     def __init__(
-        self,
-        evaluate: Callable[[ObservedStep], BatchOutcome],
-        *,
-        of_one: bool = False,
-        bounds: bool = False,
+        self, evaluate: Callable[[ObservedStep], Sequence[Array]], *, of_one: bool = False
     ) -> None:
         self._evaluate = evaluate
         self._of_one = of_one
-        self._bounds = bounds
         self._state: object = None
         self._asked = 0
         self._recording: _Recording | None = None
 
     def numbers(self, step: _Step, state: object) -> list[float] | None:
-        """Return what one step is worth; None if it has to be found out by evaluation.
+        """Return what is wanted of one step; None if it has to be found out by evaluation.
 
         Args:
             step: of one scene.
@@ -70,14 +60,15 @@ class RecordedSteps:
         return None if recording is None else recording.numbers(step)
 
     def arrays(self, step: _Step, state: object) -> list[Array] | None:
-        """Return what B steps are worth, arrays (B,) or numbers, as `numbers` does."""
+        """Return what is wanted of B steps, arrays (B,) or numbers, as `numbers` does."""
         recording = self._recorded(step, state)
         return None if recording is None else recording.arrays(step)
 
-    def outcome(self, step: _Step, state: object) -> BatchOutcome | None:
-        """Return what B steps are worth, with bounds, as `numbers` does."""
+    def own_arrays(self, step: _Step, state: object) -> list[Array] | None:
+        """Return what is wanted of B steps as arrays (B,), each one of its own to write to."""
         recording = self._recorded(step, state)
-        return None if recording is None else recording.outcome(step)
+        values = None if recording is None else recording.arrays(step)
+        return None if recording is None or values is None else recording.apart(values, step)
 
     def _recorded(self, step: _Step, state: object) -> _Recording | None:
         if not _is_plain(step[0]):
@@ -87,29 +78,24 @@ class RecordedSteps:
         if self._asked < 2:
             self._asked += 1
             if self._asked == 2:
-                self._recording = _recording(
-                    self._evaluate, step, of_one=self._of_one, bounds=self._bounds
-                )
+                self._recording = _recording(self._evaluate, step, of_one=self._of_one)
         return self._recording
 
 
 class _Recording:
-    """A tape of the rewards of steps.
+    """What is wanted of steps, on tape.
 
     Args:
         leaves: name → the array that it names.
-        program: gives the reward and what it was made of.
-        like: the outcome that was recorded; what it has by which name.
+        program: gives what is wanted.
     """
 
-    def __init__(self, leaves: Sequence[_Leaf], program: Program, like: BatchOutcome) -> None:
+    def __init__(self, leaves: Sequence[_Leaf], program: Program) -> None:
         self._program = program
         self._needed: dict[int, list[int]] = {}  # of each array that is given
         for name, index, _ in program.given:
             self._needed.setdefault(name, []).append(index)
         self._leaves = {name: leaves[name] for name in self._needed}
-        self._groups = [[*group] for group in (like.terms, like.weights, like.confidences)]
-        self._heads = [*like.bounds]
 
     def numbers(self, step: _Step) -> list[float] | None:
         given = {}
@@ -136,37 +122,23 @@ class _Recording:
                 return None
         return self._program.of_arrays(given) if len(sizes) == 1 else None
 
-    def outcome(self, step: _Step) -> BatchOutcome | None:
-        values = self.arrays(step)
-        if values is None:
-            return None
+    def apart(self, values: Sequence[Array], step: _Step) -> list[Array]:
         size = len(_found(step, next(iter(self._leaves.values()))))
-        rest = iter(_apart(values, size))
-        reward = next(rest)
-        terms, weights, confidences = (
-            {name: next(rest) for name in group} for group in self._groups
-        )
-        bounds = {head: Bounds(next(rest), next(rest), next(rest)) for head in self._heads}
-        return BatchOutcome(reward, terms, weights, confidences, bounds)
-
-
-def _apart(values: Sequence[Array], size: int) -> list[Array]:
-    """Return values as arrays (B,), each one of its own, which can be written to."""
-    seen: set[int] = set()
-    own: list[Array] = []
-    for value in values:
-        if not isinstance(value, np.ndarray):
-            own.append(np.full(size, value))
-        elif id(value) in seen or value.base is not None:
-            own.append(value.copy())
-        else:
-            own.append(value)
-        seen.add(id(value))
-    return own
+        seen: set[int] = set()
+        own: list[Array] = []
+        for value in values:
+            if not isinstance(value, np.ndarray):
+                own.append(np.full(size, value))
+            elif id(value) in seen or value.base is not None:
+                own.append(value.copy())
+            else:
+                own.append(value)
+            seen.add(id(value))
+        return own
 
 
 def _recording(
-    evaluate: Callable[[ObservedStep], BatchOutcome], step: _Step, *, of_one: bool, bounds: bool
+    evaluate: Callable[[ObservedStep], Sequence[Array]], step: _Step, *, of_one: bool
 ) -> _Recording | None:
     """Record the evaluation of the first of some steps, if that can be done."""
     tape = Tape()
@@ -189,18 +161,10 @@ def _recording(
 
     try:
         wholes = [recorded(i, (), value) for i, value in enumerate(step)]
-        outcome = evaluate(ObservedStep(*wholes))
-        return _Recording(leaves, tape.program(_lanes(outcome, bounds=bounds)), outcome)
+        wanted = [value.ids.reshape(()).item() for value in evaluate(ObservedStep(*wholes))]
+        return _Recording(leaves, tape.program(wanted))
     except (NotRecordableError, SfolError, TypeError):
         return None  # an evaluation will say what is wrong with it, if anything is
-
-
-def _lanes(outcome: BatchOutcome, *, bounds: bool) -> list[int]:
-    groups = (outcome.terms, outcome.weights, outcome.confidences)
-    found = [outcome.reward, *(value for group in groups for value in group.values())]
-    if bounds:
-        found += [end for b in outcome.bounds.values() for end in (b.lower, b.upper, b.known)]
-    return [value.ids.reshape(()).item() for value in found]
 
 
 def _found(step: _Step, leaf: _Leaf) -> Any:

@@ -6,7 +6,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, SupportsIndex, overload
@@ -198,9 +198,14 @@ class RewardFunction:
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
         self._reader = ObservationReader(self.kb)
         self._scenes_reader = ScenesReader(self.kb)
-        self._repeated_one = RecordedSteps(self._evaluated_scenes, of_one=True)
-        self._repeated_many = RecordedSteps(self._evaluated_scenes)
-        self._repeated_outcomes = RecordedSteps(self._evaluated_scenes, bounds=True)
+        self._repeated_one, self._repeated_many = (
+            {
+                fired: RecordedSteps(partial(self._wanted, fired=fired), of_one=of_one)
+                for fired in (False, True)
+            }
+            for of_one in (True, False)
+        )
+        self._repeated_outcomes = RecordedSteps(partial(self._wanted, bounds=True))
         self.coefficients = NumberGroups(
             {name: weight.coefficients for name, weight in self.kb.weights.items()}, "weight"
         )
@@ -624,33 +629,65 @@ class RewardFunction:
         backend = backend_of([batch.lower, batch.upper, *signals.values(), *self._all_numbers()])
         return self._arrays_outcome(conclude(batch, backend), signals, batch.size, backend)
 
-    def repeated(self, step: Sequence[Observation]) -> list[float] | None:
+    def repeated(self, step: Sequence[Observation], *, fired: bool = False) -> list[float] | None:
         """Return what one step is worth, if it can be repeated; several times as fast.
 
         Args:
             step: the six arguments of `transition`, some of which may be None.
+            fired: whether it is wanted which rules fired, too.
 
         Returns:
-            R, then the terms, weights and confidences of heads, in the order of an `Outcome`; None
-            if they can't be repeated: `transition` gives them, or says what is wrong.
+            R, then the terms, weights and confidences of heads, in the order of an `Outcome`, and
+            for each rule whether it fired; None if they can't be repeated: `transition` gives them,
+            or says what is wrong.
         """
-        return self._repeated_one.numbers(step, self._state())
+        return self._repeated_one[fired].numbers(step, self._state())
 
-    def repeated_many(self, step: Sequence[Observation]) -> list[Array] | None:
+    def repeated_many(
+        self, step: Sequence[Observation], *, fired: bool = False
+    ) -> list[Array] | None:
         """Return what B steps are worth, arrays (B,) or numbers, as `repeated` does for one.
 
         Args:
             step: the six arguments of `transitions`, some of which may be None.
+            fired: whether it is wanted which rules fired, too.
         """
-        return self._repeated_many.arrays(step, self._state())
+        return self._repeated_many[fired].arrays(step, self._state())
+
+    def _wanted(
+        self, step: ObservedStep, *, bounds: bool = False, fired: bool = False
+    ) -> list[Array]:
+        """Return what is repeated of B steps, in order."""
+        outcome = self._evaluated_scenes(step)
+        groups = (outcome.terms, outcome.weights, outcome.confidences)
+        wanted = [outcome.reward, *(value for group in groups for value in group.values())]
+        if bounds:
+            wanted += [end for b in outcome.bounds.values() for end in (b.lower, b.upper, b.known)]
+        if fired:
+            found = self.fired_of_many(read_for_facts(self.kb, step))
+            wanted += [found[rule] for rule in self.kb.rules]
+        return wanted
+
+    def _repeated_outcome(self, step: ObservedStep) -> BatchOutcome | None:
+        wholes = tuple(step.wholes.values())
+        values = self._repeated_outcomes.own_arrays(wholes, self._state())
+        if values is None:
+            return None
+        rest = iter(values)
+        reward, heads = next(rest), self.subject_heads
+        terms, weights, confidences = (
+            {name: next(rest) for name in names}
+            for names in (self.kb.terms, self.kb.weights, heads)
+        )
+        bounds = {head: Bounds(next(rest), next(rest), next(rest)) for head in heads}
+        return BatchOutcome(reward, terms, weights, confidences, bounds)
 
     def _state(self) -> object:
         """Return what is equal as long as no number has changed."""
         return self.coefficients.changes.count, self.parameters.changes.count
 
     def _of_scenes(self, step: ObservedStep, given: Mapping[str, Array]) -> BatchOutcome:
-        wholes = tuple(step.wholes.values())
-        found = None if given else self._repeated_outcomes.outcome(wholes, self._state())
+        found = None if given else self._repeated_outcome(step)
         return found or self._evaluated_scenes(step, given)
 
     def _evaluated_scenes(

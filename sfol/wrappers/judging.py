@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, SupportsFloat, TypeVar
 
 from sfol.facts import Facts
@@ -110,19 +110,27 @@ class Judge(Generic[Observation, Action]):
         return Judgement(total(terms), terms, items)
 
     def _rewarded(self, transition: Transition[Observation, Action]) -> Judgement:
-        if self._reads_all and not self.reports_fired:
-            found = self._reward.repeated(transition[:6])
+        if self._reads_all:
+            found = self._reward.repeated(transition[:6], fired=self.reports_fired)
             if found is not None:
                 self.observation = copy.deepcopy(transition.next_observation)
                 self._facts = None  # read when they are asked for
-                value, *numbers = found
-                terms = dict(zip(self._reward.kb.terms, numbers, strict=False))
-                return Judgement(value, terms, dict(zip(self._names, numbers, strict=True)))
+                return self._repeated(found)
         outcome = self._judged(transition)
         items = log_items(outcome)
         if self.reports_fired:
             items[FIRED] = self._fired(outcome.fired)
         return Judgement(outcome.reward, outcome.terms, items)
+
+    def _repeated(self, found: Sequence[float]) -> Judgement:
+        value, *numbers = found
+        kb = self._reward.kb
+        terms = dict(zip(kb.terms, numbers, strict=False))
+        items: dict[str, Any] = dict(zip(self._names, numbers, strict=False))
+        if self.reports_fired:
+            fired = map(bool, numbers[len(self._names) :])
+            items[FIRED] = dict(zip(kb.rules, fired, strict=True))
+        return Judgement(value, terms, items)
 
     def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
         signals, before = self._signals(transition), self._facts_now()

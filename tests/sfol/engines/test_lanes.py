@@ -30,6 +30,8 @@ def ready(reward, step):
         reward.repeated_many(step)
         reward.transitions(*step)
         reward.repeated([part_of(whole, 0) for whole in step])
+        reward.repeated_many(step, fired=True)
+        reward.repeated([part_of(whole, 0) for whole in step], fired=True)
     return reward
 
 
@@ -63,7 +65,7 @@ def named(reward, numbers):
 
 def assert_repeated(reward, step):
     """Compare what is repeated, many at once and each alone, with evaluations."""
-    assert reward._repeated_outcomes.outcome(step, reward._state()) is not None
+    assert reward._repeated_outcomes.own_arrays(step, reward._state()) is not None
     found, expected = reward.transitions(*step), reward._evaluated_scenes(ObservedStep(*step))
     value, groups = named(reward, reward.repeated_many(step))
     assert value.tolist() == found.reward.tolist()
@@ -79,8 +81,14 @@ def assert_repeated(reward, step):
         assert ours.known.tolist() == known.tolist()
         for end in ("lower", "upper"):
             compare_all(getattr(ours, end)[known], getattr(bounds, end)[known])
+    rules = len(reward.kb.rules)
+    masks = reward.repeated_many(step, fired=True)[-rules:]
     for scene in range(len(value)):
         wholes = [part_of(whole, scene) for whole in step]
+        fired = reward.conclude(reward.observe(wholes[0])).fired
+        expected_fired = [rule in fired for rule in reward.kb.rules]
+        assert [bool(np.broadcast_to(m, len(value))[scene]) for m in masks] == expected_fired
+        assert reward.repeated(wholes, fired=True)[-rules:] == expected_fired
         alone, groups = named(reward, reward.repeated(wholes))
         outcome = reward.transition(*wholes)
         assert alone == pytest.approx(outcome.reward, abs=1e-12)
