@@ -110,9 +110,8 @@ class VecRuleReward(VecEnvWrapper):
         rewards = ruled if self._mode == "replace" else native + ruled
         self._sums.add(rewards, native, terms, np.ones(self.num_envs, dtype=np.int64))
         infos = [info.copy() for info in infos]
-        for info, own, original in zip(infos, items, native.tolist(), strict=True):
+        for info, own in zip(infos, items, strict=True):
             info.update(own)
-            info["original_reward"] = original
         for index in ended:
             infos[index][EPISODE] = self._sums.items_of(index)
         if ended:
@@ -197,7 +196,7 @@ class _Together:
         given = self._judge.step(
             step.actions, step.landed, step.native, step.terminated, step.truncated, everybody
         )
-        items = _by_environment(given.items)
+        items = _by_environment({**given.items, "original_reward": step.native})
         if given.fired is not None:
             fired = map(dict, _by_environment(given.fired))
             items = ([*own, (FIRED, of_rules)] for own, of_rules in zip(items, fired, strict=True))
@@ -232,7 +231,11 @@ class _OneByOne:
     def step(self, step: _Step) -> _Ruled:
         given = [judge.step(_transition(judge, step, i)) for i, judge in enumerate(self._judges)]
         terms = {name: np.array([g.terms[name] for g in given]) for name in given[0].terms}
-        return np.array([g.value for g in given]), terms, [g.items.items() for g in given]
+        items = [
+            {**g.items, "original_reward": native}.items()
+            for g, native in zip(given, step.native.tolist(), strict=True)
+        ]
+        return np.array([g.value for g in given]), terms, items
 
     def go_on(self, observations: Any, step: _Step, reset_infos: _Infos) -> None:
         for i in np.flatnonzero(step.dones).tolist():
@@ -258,7 +261,7 @@ def _transition(judge: Judge[Any, Any], step: _Step, index: int) -> Transition[A
 def _by_environment(columns: Mapping[str, Any]) -> Iterable[_Items]:
     """Return arrays (B,) by name as B times pairs of name and number."""
     lists = [np.asarray(values).tolist() for values in columns.values()]
-    return (zip(columns, numbers, strict=True) for numbers in zip(*lists, strict=True))
+    return (zip(columns, numbers, strict=False) for numbers in zip(*lists, strict=True))
 
 
 def _landed(observations: Any, ended: Sequence[int], infos: _Infos) -> Any:
