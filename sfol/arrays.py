@@ -464,6 +464,12 @@ class _Torch(Backend):
 BACKENDS: tuple[type[Backend], ...] = (_Torch, _Numpy)
 
 
+def add_backend(kind: type[Backend]) -> None:
+    """Add a kind of array, which takes in all others that there are so far."""
+    global BACKENDS  # noqa: PLW0603 (a table that modules add to while they are imported)
+    BACKENDS = (kind, *BACKENDS)
+
+
 _NUMBERS_AND_NUMPY = frozenset({float, int, bool, np.ndarray})
 
 

@@ -53,7 +53,7 @@ ORDER = {
         {"observations"},
         {"engines"},
         {"outcome", "logs"},
-        {"explain"},
+        {"explain", "recorded_steps"},
         {"reward"},
         {"", "wrappers"},
         {"sb3"},

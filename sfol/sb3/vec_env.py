@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -109,14 +109,12 @@ class VecRuleReward(VecEnvWrapper):
             dones, infos,
         )  # fmt: skip
         ruled, terms, items = self._panel.step(step)
-        for own in items:
-            self._silence.hear(own)
         rewards = ruled if self._mode == "replace" else native + ruled
         self._sums.add(rewards, native, terms, np.ones(self.num_envs, dtype=np.int64))
-        infos = [
-            {**info, **own, "original_reward": original}
-            for info, own, original in zip(infos, items, native.tolist(), strict=True)
-        ]
+        infos = [info.copy() for info in infos]
+        for info, own in zip(infos, items, strict=True):
+            info.update(own)
+            self._silence.hear(info)
         for index in ended:
             infos[index][EPISODE] = self._sums.items_of(index)
         if ended:
@@ -164,7 +162,8 @@ class _Step(NamedTuple):
         return self.dones & ~self.truncated
 
 
-_Ruled = tuple[Reals, Mapping[str, Reals], list[dict[str, Any]]]
+_Items = Iterable[tuple[str, Any]]
+_Ruled = tuple[Reals, Mapping[str, Reals], Iterable[_Items]]
 
 
 class _Panel(Protocol):
@@ -201,10 +200,10 @@ class _Together:
         given = self._judge.step(
             step.actions, step.landed, step.native, step.terminated, step.truncated, everybody
         )
-        items = _by_environment(given.items)
+        items = _by_environment({**given.items, "original_reward": step.native})
         if given.fired is not None:
-            for own, fired in zip(items, _by_environment(given.fired), strict=True):
-                own[FIRED] = fired
+            fired = map(dict, _by_environment(given.fired))
+            items = ([*own, (FIRED, of_rules)] for own, of_rules in zip(items, fired, strict=True))
         return given.values, given.terms, items
 
     def go_on(self, observations: Any, step: _Step, _: _Infos) -> None:
@@ -236,7 +235,11 @@ class _OneByOne:
     def step(self, step: _Step) -> _Ruled:
         given = [judge.step(_transition(judge, step, i)) for i, judge in enumerate(self._judges)]
         terms = {name: np.array([g.terms[name] for g in given]) for name in given[0].terms}
-        return np.array([g.value for g in given]), terms, [g.items for g in given]
+        items = [
+            {**g.items, "original_reward": native}.items()
+            for g, native in zip(given, step.native.tolist(), strict=True)
+        ]
+        return np.array([g.value for g in given]), terms, items
 
     def go_on(self, observations: Any, step: _Step, reset_infos: _Infos) -> None:
         for i in np.flatnonzero(step.dones).tolist():
@@ -259,10 +262,10 @@ def _transition(judge: Judge[Any, Any], step: _Step, index: int) -> Transition[A
     )
 
 
-def _by_environment(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return arrays (B,) by name as B mappings of numbers."""
+def _by_environment(columns: Mapping[str, Any]) -> Iterable[_Items]:
+    """Return arrays (B,) by name as B times pairs of name and number."""
     lists = [np.asarray(values).tolist() for values in columns.values()]
-    return [dict(zip(columns, numbers, strict=True)) for numbers in zip(*lists, strict=True)]
+    return (zip(columns, numbers, strict=False) for numbers in zip(*lists, strict=True))
 
 
 def _landed(observations: Any, ended: Sequence[int], infos: _Infos) -> Any:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, SupportsFloat, TypeVar
 
 from sfol.facts import Facts
 from sfol.outcome import Outcome, log_items, named
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import FIRED, Shaping, total
+from sfol.wrappers.modes import FIRED, Shaping, item_names, total
 
 Observation = TypeVar("Observation")
 Action = TypeVar("Action")
 
 
-@dataclass(frozen=True)
-class Transition(Generic[Observation, Action]):
+class Transition(NamedTuple, Generic[Observation, Action]):
     """One step (s, a, s') of an environment.
 
     Attributes:
@@ -79,22 +77,24 @@ class Judge(Generic[Observation, Action]):
         context: tuple[Any, ...] = (),
     ) -> None:
         self.observation: Observation
-        self.facts: Facts
         self.reports_fired = False
         self._reward = reward
         self._facts_of = facts
         self._signals_of = signals
         self._shaping = shaping
         self._context = context
+        self._names = item_names(reward)
+        self._reads_all = facts is None and signals is None and shaping is None
 
     def begin(self, observation: Observation, info: Mapping[str, Any]) -> None:
         """Begin with a state."""
         # Environments may use one array for all their observations.
         self.observation = copy.deepcopy(observation)
+        self._facts: Facts | None
         if self._facts_of is None:
-            self.facts = self._reward.observe(observation)
+            self._facts = self._reward.observe(observation)
         else:
-            self.facts = self._facts_of(observation, info, *self._context)
+            self._facts = self._facts_of(observation, info, *self._context)
         if self._shaping is not None:
             self._potential = self._potential_of(observation, self._shaping.weight)
 
@@ -111,17 +111,40 @@ class Judge(Generic[Observation, Action]):
         return Judgement(total(terms), terms, items)
 
     def _rewarded(self, transition: Transition[Observation, Action]) -> Judgement:
+        if self._reads_all:
+            found = self._reward.repeated(transition[:6], fired=self.reports_fired)
+            if found is not None:
+                self.observation = copy.deepcopy(transition.next_observation)
+                self._facts = None  # read when they are asked for
+                return self._repeated(found)
         outcome = self._judged(transition)
         items = log_items(outcome)
         if self.reports_fired:
             items[FIRED] = self._fired(outcome.fired)
         return Judgement(outcome.reward, outcome.terms, items)
 
+    def _repeated(self, found: Sequence[float]) -> Judgement:
+        value, *numbers = found
+        kb = self._reward.kb
+        terms = dict(zip(kb.terms, numbers, strict=False))
+        items: dict[str, Any] = dict(zip(self._names, numbers, strict=False))
+        if self.reports_fired:
+            fired = map(bool, numbers[len(self._names) :])
+            items[FIRED] = dict(zip(kb.rules, fired, strict=True))
+        return Judgement(value, terms, items)
+
     def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
         signals, before = self._signals(transition), self.facts
         self.begin(transition.next_observation, transition.info)
         facts = before if self._reward.kb.facts_at == "state" else self.facts
         return self._reward.evaluate(facts, **signals)
+
+    @property
+    def facts(self) -> Facts:
+        """The facts of that state; read when they are asked for, after a step was repeated."""
+        if self._facts is None:
+            self._facts = self._reward.observe(self.observation)
+        return self._facts
 
     def _fired(self, rules: frozenset[str]) -> dict[str, bool]:
         return {rule: rule in rules for rule in self._reward.kb.rules}
@@ -135,12 +158,4 @@ class Judge(Generic[Observation, Action]):
 
     def _signals(self, transition: Transition[Observation, Action]) -> Mapping[str, float]:
         given = {} if self._signals_of is None else self._signals_of(transition)
-        return self._reward.observe_signals(
-            transition.observation,
-            transition.action,
-            transition.next_observation,
-            transition.native,
-            transition.terminated,
-            transition.truncated,
-            **given,
-        )
+        return self._reward.observe_signals(*transition[:6], **given)

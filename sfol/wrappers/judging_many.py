@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from sfol.arrays import Array
 from sfol.observations.plans import Observation
 from sfol.outcome import log_items, named
 from sfol.reward import RewardFunction
-from sfol.wrappers.modes import Shaping, total
+from sfol.wrappers.modes import Shaping, item_names, total
 from sfol.wrappers.nested import rows
 
 Reals = npt.NDArray[np.float64]
@@ -73,6 +73,7 @@ class ManyJudge:
         self.reports_fired = False
         self._reward = reward
         self._shaping = shaping
+        self._names = item_names(reward)
 
     def begin(self, observations: Observation) -> None:
         """Begin with some states."""
@@ -103,6 +104,10 @@ class ManyJudge:
         step = ManySteps(self._observations, actions, landed, native, terminated, truncated)
         if self._shaping is not None:
             return self._shaped(self._shaping, step, taken)
+        # Also of those who began anew, where that can be repeated: choosing rows takes longer.
+        found = self._reward.repeated_many(step, fired=self.reports_fired)
+        if found is not None:
+            return self._repeated([np.where(taken, number, 0.0) for number in found])
         if taken.all():
             return self._rewarded(step, arrays.plain)
         if not taken.any():
@@ -111,6 +116,16 @@ class ManyJudge:
             return Judgements(zeros, terms, named(reward=terms), self._nothing(taken))
         chosen = ManySteps(*(rows(part, taken) for part in step))
         return self._rewarded(chosen, partial(_spread, mask=taken))
+
+    def _repeated(self, found: Sequence[Reals]) -> Judgements:
+        value, *numbers = found
+        kb = self._reward.kb
+        terms = dict(zip(kb.terms, numbers, strict=False))
+        fired = None
+        if self.reports_fired:
+            masks = (mask != 0 for mask in numbers[len(self._names) :])
+            fired = dict(zip(kb.rules, masks, strict=True))
+        return Judgements(value, terms, dict(zip(self._names, numbers, strict=False)), fired)
 
     def go_on(self, observations: Observation, landed: Observation) -> None:
         """Go on from the states that are observed now; from where a step led, if they are same."""

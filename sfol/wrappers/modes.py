@@ -233,6 +233,13 @@ def expect_function(value: object, what: str, suggestion: str) -> None:
         expect(value, Callable, what, suggestion)  # type: ignore[arg-type]
 
 
+def item_names(reward: RewardFunction) -> tuple[str, ...]:
+    """Return the names of `log_items` of every outcome of a reward function, in their order."""
+    kb = reward.kb
+    groups = {"reward": kb.terms, "weight": kb.weights, "confidence": reward.subject_heads}
+    return tuple(f"{group}_{name}" for group, names in groups.items() for name in names)
+
+
 def total(terms: Mapping[str, Array]) -> Array:
     """Return the sum of terms, from left to right."""
     return reduce(operator.add, terms.values(), 0.0)

@@ -123,7 +123,7 @@ class ParallelRuleReward(BaseParallelWrapper):
         info = {**transition.info, **given.items, "original_reward": original}
         if transition.terminated or transition.truncated:
             info[EPISODE] = self._sums[agent].items()
-            self._silence.end(self._judge(agent).facts)
+            self._silence.end(lambda: self._judge(agent).facts)
         return value, info
 
     def _begin(self, agent: str, observations: _Agents, infos: _Agents) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -36,17 +36,17 @@ class Silence:
             spoken = (value for name, value in items.items() if name.startswith(_SPEAKING))
             self._lasts = not any(np.any(value) for value in spoken)
 
-    def end(self, facts: Facts | None = None) -> None:
+    def end(self, facts: Callable[[], Facts] | None = None) -> None:
         """Warn at the end of an episode, if it was the first and nothing was concluded in it.
 
         Args:
-            facts: its last ones, if they are at hand.
+            facts: returns its last ones, if they are at hand.
         """
         if not self._lasts:
             return
         self._lasts = False
         given = {atom.predicate for atom in self._kb.background} | {*self._kb.heads}
-        known = None if facts is None else {*facts.predicates()}
+        known = None if facts is None else {*facts().predicates()}
         missing = [] if known is None else sorted(self._kb.read - given - known)
         shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
         hint = f"its last facts say nothing of {shown}; " if missing else ""

@@ -114,7 +114,7 @@ class RuleReward(
         self._silence.hear(given.items)
         if terminated or truncated:
             info[EPISODE] = self._sums.items()
-            self._silence.end(self._judge.facts)
+            self._silence.end(lambda: self._judge.facts)
         if self._hindsight is not None and self._hindsight.needs_transition:
             after = self._judge.observation  # a copy
             info[TRANSITION] = Transition(

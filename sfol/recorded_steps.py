@@ -1,0 +1,202 @@
+"""What is wanted of steps, such as their rewards, repeated from a tape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sfol.arrays import Array
+from sfol.engines.lanes import given
+from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
+from sfol.errors import SfolError
+from sfol.observations.plans import Observation, ObservedStep
+
+_Keys = tuple[Any, ...]
+_Step = Sequence[Observation]
+_NUMBERS = (float, int, np.number, np.bool_)
+
+
+class _Leaf(NamedTuple):
+    """An array of a step: of which whole, the keys there, and its shape without B."""
+
+    whole: int
+    keys: _Keys
+    shape: tuple[int, ...]
+
+
+class RecordedSteps:
+    """Repeats what a reward function does to steps.
+
+    It is recorded when it is asked for a second time with the same numbers. Steps of another form,
+    and those for which the tape does not hold, are given back.
+
+    Steps are what `ObservedStep` has, in its order.
+
+    Args:
+        evaluate: what is wanted of B steps, (B,) each.
+        of_one: whether steps are of one scene, without an axis B.
+    """
+
+    def __init__(
+        self, evaluate: Callable[[ObservedStep], Sequence[Array]], *, of_one: bool = False
+    ) -> None:
+        self._evaluate = evaluate
+        self._of_one = of_one
+        self._state: object = None
+        self._asked = 0
+        self._recording: _Recording | None = None
+
+    def numbers(self, step: _Step, state: object) -> list[float] | None:
+        """Return what is wanted of one step; None if it has to be found out by evaluation.
+
+        Args:
+            step: of one scene.
+            state: equal if the reward function has the same numbers.
+        """
+        recording = self._recorded(step, state)
+        return None if recording is None else recording.numbers(step)
+
+    def arrays(self, step: _Step, state: object) -> list[Array] | None:
+        """Return what is wanted of B steps, arrays (B,) or numbers, as `numbers` does."""
+        recording = self._recorded(step, state)
+        return None if recording is None else recording.arrays(step)
+
+    def own_arrays(self, step: _Step, state: object) -> list[Array] | None:
+        """Return what is wanted of B steps as arrays (B,), each one of its own to write to."""
+        recording = self._recorded(step, state)
+        values = None if recording is None else recording.arrays(step)
+        return None if recording is None or values is None else recording.apart(values, step)
+
+    def _recorded(self, step: _Step, state: object) -> _Recording | None:
+        if not _is_plain(step[0]):
+            return None
+        if state != self._state:
+            self._state, self._asked, self._recording = state, 0, None
+        if self._asked < 2:
+            self._asked += 1
+            if self._asked == 2:
+                self._recording = _recording(self._evaluate, step, of_one=self._of_one)
+        return self._recording
+
+
+class _Recording:
+    """What is wanted of steps, on tape.
+
+    Args:
+        leaves: name → the array that it names.
+        program: gives what is wanted.
+    """
+
+    def __init__(self, leaves: Sequence[_Leaf], program: Program) -> None:
+        self._program = program
+        self._needed: dict[int, list[int]] = {}  # of each array that is given
+        for name, index, _ in program.given:
+            self._needed.setdefault(name, []).append(index)
+        self._leaves = {name: leaves[name] for name in self._needed}
+
+    def numbers(self, step: _Step) -> list[float] | None:
+        given = {}
+        for name, leaf in self._leaves.items():
+            numbers = _numbers(_found(step, leaf), leaf.shape)
+            if numbers is None:
+                return None
+            given[name] = numbers
+        return self._program.of_numbers(given)
+
+    def arrays(self, step: _Step) -> list[Array] | None:
+        given: dict[int, npt.NDArray[np.float64]] = {}
+        sizes = set()
+        for name, leaf in self._leaves.items():
+            value = _found(step, leaf)
+            if not _is_array(value) or value.shape[1:] != leaf.shape or not len(value):
+                return None
+            if len(value) * self._program.size > MOST_NUMBERS:
+                return None
+            sizes.add(len(value))
+            columns = value.reshape(len(value), -1).T
+            given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
+            if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
+                return None
+        return self._program.of_arrays(given) if len(sizes) == 1 else None
+
+    def apart(self, values: Sequence[Array], step: _Step) -> list[Array]:
+        size = len(_found(step, next(iter(self._leaves.values()))))
+        seen: set[int] = set()
+        own: list[Array] = []
+        for value in values:
+            if not isinstance(value, np.ndarray):
+                own.append(np.full(size, value))
+            elif id(value) in seen or value.base is not None:
+                own.append(value.copy())
+            else:
+                own.append(value)
+            seen.add(id(value))
+        return own
+
+
+def _recording(
+    evaluate: Callable[[ObservedStep], Sequence[Array]], step: _Step, *, of_one: bool
+) -> _Recording | None:
+    """Record the evaluation of the first of some steps, if that can be done."""
+    tape = Tape()
+    leaves: list[_Leaf] = []
+
+    def recorded(whole: int, keys: _Keys, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: recorded(whole, (*keys, key), part) for key, part in value.items()}
+        if isinstance(value, tuple):
+            return tuple(recorded(whole, (*keys, i), part) for i, part in enumerate(value))
+        if value is None:
+            return None
+        if not isinstance(value, (np.ndarray, *_NUMBERS) if of_one else np.ndarray):
+            raise NotRecordableError
+        first: Any = np.asarray(value)[None] if of_one else np.asarray(value)[:1]
+        if not _is_array(first):
+            raise NotRecordableError
+        leaves.append(_Leaf(whole, keys, first.shape[1:]))
+        return given(tape, len(leaves) - 1, first)
+
+    try:
+        wholes = [recorded(i, (), value) for i, value in enumerate(step)]
+        wanted = [value.ids.reshape(()).item() for value in evaluate(ObservedStep(*wholes))]
+        return _Recording(leaves, tape.program(wanted))
+    except (NotRecordableError, SfolError, TypeError):
+        return None  # an evaluation will say what is wrong with it, if anything is
+
+
+def _found(step: _Step, leaf: _Leaf) -> Any:
+    """Return an array of a step, or None if there is none."""
+    value = step[leaf.whole]
+    try:
+        for key in leaf.keys:
+            value = value[key]
+    except (KeyError, IndexError, TypeError):
+        return None
+    return value
+
+
+def _is_plain(observation: Observation) -> bool:
+    """Tell whether an observation has numbers or numpy's arrays, going by the first of them."""
+    while isinstance(observation, dict | tuple) and observation:
+        values = observation.values() if isinstance(observation, dict) else observation
+        observation = next(iter(values))
+    return isinstance(observation, np.ndarray | float | int | np.generic)
+
+
+def _is_array(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> list[float] | None:
+    """Return the numbers of one scene's array, or single number; None if it is none."""
+    if isinstance(value, np.ndarray):
+        if value.shape != shape or value.dtype.kind not in "biuf":
+            return None
+        numbers: list[float] = value.reshape(-1).tolist()
+        return numbers if value.dtype.kind == "f" else [float(number) for number in numbers]
+    if shape or not isinstance(value, _NUMBERS):
+        return None
+    return [float(value)]
