@@ -410,8 +410,8 @@ class Reader:
         return FactText(atom, bound, confidence)
 
     def name(self, what: str) -> str:
-        """Read a predicate or a term; `what` names it in an error."""
-        token = self._peek()
+        """Read a predicate or a variable; `what` names it in an error."""
+        token = self._tokens[self._position]
         if token.kind != "name":
             raise self._unexpected(what)
         if token.text == ANONYMOUS:
@@ -434,7 +434,7 @@ class Reader:
 
     def term(self, what: str = "an argument") -> str:
         """Read a variable or a constant; `what` names it in an error."""
-        token = self._peek()
+        token = self._tokens[self._position]
         if token.kind not in ("number", "quoted"):
             return self.name(what)
         try:
