@@ -79,7 +79,7 @@ def lunarlander(before, action, after, native, terminated):
     end = (100.0 if landed else -100.0) * terminated
     touch = left2 + right2 - left - right
     care = -(min(low, sinking) + tilted)
-    return 100 * (closer + slower) + 10 * touch + care + end - 0.15
+    return 100 * (closer + slower) + 30 * touch + care + end - 0.15
 
 
 def land(chance, seen):
