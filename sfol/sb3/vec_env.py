@@ -123,6 +123,21 @@ class VecRuleReward(VecEnvWrapper):
         self._panel.go_on(observations, step, self.venv.unwrapped.reset_infos)
         return observations, rewards, dones, infos
 
+    def env_method(self, method_name: str, *arguments: Any, **options: Any) -> list[Any]:
+        """Call a method of the environments; see `VecEnv.env_method`.
+
+        Raises:
+            UsageError: hindsight asks for the rewards of other goals, which the environments would
+                answer with their own.
+        """
+        if method_name == "compute_reward":
+            raise UsageError(
+                "hindsight is paid by each environment, and these know nothing of the rules",
+                name=method_name,
+                suggestion="wrap each environment in sfol.wrappers.RuleReward instead",
+            )
+        return super().env_method(method_name, *arguments, **options)
+
     @property
     def schedules(self) -> Mapping[str, ScheduledNumber]:
         """The numbers of the knowledge base that change while an agent is trained."""

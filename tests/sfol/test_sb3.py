@@ -194,6 +194,13 @@ def test_what_does_not_fit_is_refused_when_it_is_made(drift, given, message):
         VecRuleReward(given.pop("venv"), given.pop("reward"), **given)
 
 
+def test_hindsight_is_refused_rather_than_paid_by_the_environments(drift):
+    envs = VecRuleReward(DummyVecEnv([Boat]), drift())
+    with pytest.raises(sfol.errors.UsageError, match="know nothing of the rules"):
+        envs.env_method("compute_reward", [0.0], [1.0], {}, indices=[0])
+    assert envs.env_method("get_wrapper_attr", "spec") == [None]
+
+
 def test_facts_must_be_read_or_made(drift):
     with pytest.raises(sfol.errors.UsageError, match="'aeb' does not say how facts are read"):
         VecRuleReward(DummyVecEnv([Boat]), sfol.RewardFunction("aeb"))
