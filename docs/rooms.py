@@ -98,7 +98,8 @@ def _rooms(imports: nx.DiGraph[str]) -> dict[str, str]:
         below.setdefault((_package(name), own), []).append(name)
     for (package, folders), names in below.items():
         several = f"{package}.*" if folders else "ground"
-        label = several if len(names) > 1 else names[0].rpartition(".")[2]
+        few = ", ".join(sorted(name.rpartition(".")[2] for name in names))
+        label = several if len(names) > 2 else few
         rooms |= dict.fromkeys(names, f"{package}: {label}")
     return rooms
 
