@@ -14,7 +14,7 @@ PACKAGES = ("sfol", "vsr", "env")
 # A knowledge base as a PyReason program is the one import that goes up, and only when it is called.
 UPWARDS = {("sfol.knowledge_base.model", "sfol.engines.pyreason")}
 
-WIDTH, HEIGHT = 126, 34  # of a box
+WIDTH, HEIGHT = 144, 34  # of a box
 GAP, RISE = 14, 62  # between two boxes of a row; from one row to the next
 MARGIN, TITLE = 16, 34
 
