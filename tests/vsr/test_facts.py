@@ -47,7 +47,7 @@ def test_semantic_predicates_have_the_segmenters_confidence():
     )
     probabilities = painting.one_hot * np.float32(0.8)
     probabilities[0] += np.float32(0.2)
-    facts = scene_facts(find_entities(probabilities), probabilities, GROUNDING, Facts())
+    facts = scene_facts(find_entities(probabilities), probabilities, GROUNDING, Facts(margin=0.05))
     for atom in ("Pedestrian", "Vehicle", "Truck", "Crosswalk"):
         assert facts.bound(atom, f"{atom.lower()}1") == pytest.approx((0.76, 0.84), abs=1e-6)
 

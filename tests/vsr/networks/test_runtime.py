@@ -101,7 +101,7 @@ def test_openvino_has_one_arithmetic_and_one_place(chosen):
 def test_without_openvino_the_error_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "openvino", None)
     monkeypatch.delitem(sys.modules, "vsr.networks.openvino_runtime", raising=False)
-    with pytest.raises(MissingExtraError, match=r"sfol\[openvino\]"):
+    with pytest.raises(MissingExtraError, match=r"'\.\[openvino\]' in the checkout"):
         runtime_of(Autoencoder().encoder, "openvino")
 
 
