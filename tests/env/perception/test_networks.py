@@ -105,7 +105,8 @@ def test_the_shipped_card_says_what_the_weights_are(network):
 
 def test_the_shipped_weights_are_small():
     sizes = {file.stem: file.stat().st_size for file in weights_folder().glob("*.safetensors")}
-    assert sizes.keys() == {*NETWORKS, "policy", "policy.codebook"}
+    policies = ("policy", "beyond")
+    assert sizes.keys() == {*NETWORKS, *policies, *(f"{policy}.codebook" for policy in policies)}
     assert sum(sizes.values()) <= 60e6
 
 
