@@ -17,7 +17,7 @@ from sfol.knowledge_base.model import KnowledgeBase
 from sfol.knowledge_base.observing import entity_names
 from sfol.knowledge_base.parts import Rule, dependencies
 from sfol.strict_yaml import Keys
-from sfol.syntax import Atom, is_variable, parse_facts
+from sfol.syntax import Atom, is_name, is_variable, parse_facts
 
 _Kinds = frozenset[str] | None  # of an argument; None if it may be of any
 _MOST_SHOWN = 3
@@ -75,7 +75,7 @@ def _lonely_constants(kb: KnowledgeBase, named: Collection[str]) -> Iterator[Sil
     times = Counter(constant for constants in rules.values() for constant in constants)
     for name, constants in rules.items():
         for constant in sorted(constants.difference(named)):
-            if times[constant] == 1:
+            if times[constant] == 1 and is_name(constant):  # no number or quoted text
                 yield Silence(
                     "constant",
                     ("rules", name),

@@ -129,6 +129,11 @@ def test_sf019_a_variable_in_small_letters(door):
     assert "for any entity write D" in finding.suggestion
 
 
+@pytest.mark.parametrize("constant", ["7", '"Mary"'])
+def test_sf019_what_is_no_name_was_not_meant_as_a_variable(door, constant):
+    assert found(door({OUT: f"out(X) :- Robot(X), Near({constant}, X)."})) == []
+
+
 @pytest.mark.parametrize(
     "more",
     [
