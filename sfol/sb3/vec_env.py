@@ -20,9 +20,7 @@ from sfol.wrappers.modes import (
     FIRED,
     EpisodeSums,
     Shaping,
-    check_reads,
-    expect_function,
-    shaping_of,
+    checked_shaping,
 )
 from sfol.wrappers.nested import replaced, row
 from sfol.wrappers.silence import Silence
@@ -68,15 +66,8 @@ class VecRuleReward(VecEnvWrapper):
         discount: float | None = None,
     ) -> None:
         expect(venv, VecEnv, "the environments", "give a VecEnv of stable-baselines3")
-        expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
-        expect_function(facts, "facts", "give a function (observation, info) → Facts")
-        expect_function(signals, "signals", "give a function of a Transition → signals")
-        shaping = shaping_of(reward, mode, potential, discount, signals=signals)
-        check_reads(
-            reward,
-            facts=facts is None,
-            signals=shaping is None and signals is None,
-            instead=", or give {}=…",
+        shaping = checked_shaping(
+            reward, facts, signals, mode, potential, discount, of="(observation, info)"
         )
         super().__init__(venv)
         self._reward = reward

@@ -164,6 +164,8 @@ def checked_shaping(  # noqa: PLR0913, PLR0917 (the arguments of a wrapper, in t
     mode: str,
     potential: str | None,
     discount: float | None,
+    *,
+    of: str = "(observation, info, env)",
 ) -> Shaping | None:
     """Check the arguments of a wrapper, and return how it shapes, if it does.
 
@@ -174,13 +176,14 @@ def checked_shaping(  # noqa: PLR0913, PLR0917 (the arguments of a wrapper, in t
         mode: as for `shaping_of`, and so are the others.
         potential: likewise.
         discount: likewise.
+        of: the arguments that the function that makes facts gets, for messages.
 
     Raises:
         UsageError: one is of another type or does not belong to the mode, or the knowledge base
             does not say how something is read and there is no function that makes it.
     """
     expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
-    expect_function(facts, "facts", "give a function (observation, info, env) → Facts")
+    expect_function(facts, "facts", f"give a function {of} → Facts")
     expect_function(signals, "signals", "give a function of a Transition → signals")
     shaping = shaping_of(reward, mode, potential, discount, signals=signals)
     check_reads(
