@@ -1,6 +1,8 @@
 """A network is run by name; what is rounded to eight bits says nearly what it said before."""
 
+import os
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -116,6 +118,33 @@ def test_openvino_computes_what_the_rounded_network_computes(network):
         # Sums that end close to the middle between two steps may be rounded either way.
         assert torch.cosine_similarity(found.flatten(1), sought.flatten(1)).min() > 0.98
         assert torch.equal(found[1], run(frames[1:2])[0])
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux tells it")
+def test_openvino_binds_no_thread_to_a_processor():
+    """Bound while they compute, threads of two processes took turns on one and left another idle."""
+    pytest.importorskip("openvino")
+    threads, computing = torch.get_num_threads(), threading.get_native_id()
+    torch.set_num_threads(1)
+    try:
+        run = runtime_of(lived(Autoencoder().encoder), "openvino")
+        run([picture(6, (224, 224))])
+        seen, done = [os.sched_getaffinity(computing)], threading.Event()
+
+        def look() -> None:
+            while not done.is_set():
+                seen.append(os.sched_getaffinity(computing))
+
+        looker = threading.Thread(target=look, daemon=True)
+        looker.start()
+        for _ in range(20):
+            run([picture(6, (224, 224))])
+        done.set()
+        looker.join()
+    finally:
+        torch.set_num_threads(threads)
+    assert len(seen) > 20
+    assert all(processors == seen[0] for processors in seen)
 
 
 def test_openvino_segments_and_refuses_what_is_no_batch():
