@@ -29,8 +29,10 @@ def bench(
     """Measure single calls, batches and gradients, both engines side by side, all in one run.
 
     The scene is the file's test with the most facts; the entity of which the most is said is
-    repeated 1, 10, 25 and 50 times. Figures are medians. With PyReason installed, it takes some
-    ten minutes: once, a copy of PyReason compiles all that it has.
+    repeated 1, 10, 25 and 50 times. Where facts are read off observations, so are they measured,
+    on the test that observes most: single steps, arrays of many, and Gymnasium's wrappers. Figures
+    are medians. With PyReason installed, it takes some ten minutes: once, a copy of PyReason
+    compiles all that it has.
 
     Example: `sfol bench rules/aeb.yaml --quick`
     """
@@ -49,7 +51,19 @@ def _print_tables(console: Console, figures: dict[str, Any]) -> None:
     line(console, f"scene: {visible(figures['scene'])}; repeated: {figures['repeated']}")
     console.print(_table("one call, by how often it is repeated", figures["single"]))
     console.print(_table("batches, by number of scenes", figures["batch"]))
-    names = ("import", "gradient", "pyreason_start", "pyreason_start_compared")
+    if (observed := figures["observations"]) is not None:
+        line(console, f"step: {visible(observed['step'])}")
+        console.print(_table("observed steps, by how many at once", observed["batch"]))
+        parts = ("single", "wrappers")
+        figures = {**figures, **{f"observed_{part}": observed[part] for part in parts}}
+    names = (
+        "import",
+        "observed_single",
+        "observed_wrappers",
+        "gradient",
+        "pyreason_start",
+        "pyreason_start_compared",
+    )
     flat = {name: figures[name] for name in names if figures.get(name)}
     for name, numbers in flat.items():
         shown = ", ".join(f"{key} {value:g}" for key, value in numbers.items())

@@ -6,10 +6,12 @@ import pytest
 from typer.testing import CliRunner
 
 import sfol.tools.bench
+import sfol.tools.bench_observations
 from sfol import Facts, KnowledgeBase, RewardFunction
 from sfol.cli.app import app
 from sfol.errors import KnowledgeBaseError
-from sfol.tools.bench import busiest, measure, repeated
+from sfol.tools.bench import busiest, measure, median, repeated
+from sfol.tools.bench_observations import measure_observations
 
 
 @pytest.fixture
@@ -18,6 +20,8 @@ def quick(monkeypatch):
     monkeypatch.setattr(sfol.tools.bench, "SIZES", (1, 3))
     monkeypatch.setattr(sfol.tools.bench, "BATCHES", (1, 4))
     monkeypatch.setattr(sfol.tools.bench, "GRADIENT_SCENES", 4)
+    monkeypatch.setattr(sfol.tools.bench_observations, "SCENES", (1, 4))
+    monkeypatch.setattr(sfol.tools.bench_observations, "ENVIRONMENTS", 2)
     monkeypatch.setattr(sfol.tools.bench, "find_spec", lambda name: name == "torch")
 
 
@@ -46,11 +50,12 @@ def test_every_figure_is_reported(quick):
     pytest.importorskip("torch")
     stages = []
     figures = measure(KnowledgeBase.load("aeb"), progress=stages.append)
-    assert stages == ["import", "single", "batch", "gradient"]
+    assert stages == ["import", "single", "batch", "gradient", "observations"]
     assert set(figures["single"]) == {"1", "3"}
     assert set(figures["batch"]) == {"1", "4"}
     assert all(value > 0 for row in figures["single"].values() for value in row.values())
     assert figures["gradient"]["ratio"] > 0
+    assert figures["observations"] is None  # aeb reads none
 
 
 def test_without_torch_there_is_no_figure_of_a_gradient(quick, monkeypatch):
@@ -67,6 +72,31 @@ def test_the_command_prints_json_and_tables(quick):
     shown = CliRunner().invoke(app, ["bench", "cartpole"]).stdout
     assert "scenes a second" in shown
     assert "repeated: pole" in shown
+    assert "observed steps, by how many at once" in shown
+
+
+OBSERVING = ("cartpole", "doorkey", "fetch", "frozenlake", "highway", "lunarlander", "spread")
+
+
+@pytest.mark.parametrize("name", ["aeb_state", *OBSERVING])
+def test_steps_that_are_observed_are_measured_too(quick, name):
+    pytest.importorskip("gymnasium")
+    pytest.importorskip("torch")
+    figures = measure_observations(KnowledgeBase.load(name), median)
+    paces = {f"{kind}_scenes_a_second" for kind in ("list_of_facts", "numpy", "torch")}
+    assert {scenes: set(row) for scenes, row in figures["batch"].items()} == {
+        "1": paces,
+        "4": paces,
+    }
+    wrappers = figures["wrappers"]
+    assert wrappers.pop("environments") == 2
+    for row in (*figures["batch"].values(), figures["single"], wrappers):
+        assert all(value > 0 for value in row.values())
+
+
+def test_the_step_is_the_test_that_observes_most(quick):
+    figures = measure_observations(KnowledgeBase.load("aeb_state"), lambda call: 1.0)
+    assert figures["step"].startswith("ten people on the crosswalk")
 
 
 def test_a_file_without_a_scene_is_an_error(kitchen):
