@@ -43,7 +43,7 @@ def train(
     policy that did best in them, which `aeb evaluate --driver` takes. The same command goes on
     from the last checkpoint.
 
-    More streets at once use more processors, and up to 1.5 GB of memory each; an update comes
+    More streets at once use more processors, and some 600 MB of memory each; an update comes
     after as many steps of all streets together.
 
     With `--start`, a policy that drives already is trained on, say with less noise or under a rule

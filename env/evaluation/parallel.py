@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_all_start_methods, get_context, parent_process
 from typing import TypeVar
 
 from sfol.errors import SfolError
@@ -31,9 +31,8 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
     if workers == 1:
         yield from map(work, jobs)
         return
-    # What a forked process inherits of pybullet and torch can hang.
     pool = ProcessPoolExecutor(
-        min(workers, len(jobs)) or 1, mp_context=get_context("spawn"), initializer=_settle
+        min(workers, len(jobs)) or 1, mp_context=get_context(start_method()), initializer=_settle
     )
     try:
         yield from pool.map(work, jobs)
@@ -46,6 +45,19 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
         pool.shutdown(cancel_futures=True)
 
 
+def start_method() -> str:
+    """Return how worker processes are started, by the name that multiprocessing has for it.
+
+    They are forked from a server that has imported what they need and done nothing with it: what a
+    process inherits of pybullet and torch at work can hang. They start in a second and share the
+    server's memory. Where there is no such server, each is a new process with its own.
+    """
+    if "forkserver" not in get_all_start_methods():
+        return "spawn"
+    get_context("forkserver").set_forkserver_preload(["env.evaluation.worker_imports"])
+    return "forkserver"
+
+
 def cores() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -55,12 +67,7 @@ def _settle() -> None:
     """Make a process a quiet worker of one thread; the parent alone hears the keyboard."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ["OMP_NUM_THREADS"] = "1"  # read by torch when it is imported
-    stderr = os.dup(2)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # pybullet announces itself when it is imported
-    import pybullet  # noqa: F401, PLC0415
-
-    os.dup2(stderr, 2)
+    import env.evaluation.worker_imports  # noqa: F401, PLC0415 (here, after a spawn)
 
 
 def _end_with_parent() -> None:

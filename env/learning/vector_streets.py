@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 import sfol
 from env.driving.drivers import Driver
 from env.driving.setup import Setup
+from env.evaluation.parallel import start_method
 from env.learning.curriculum import StreetsInTurn
 from env.learning.new_model import codebook_of
 from env.street.observation import observer_of
@@ -128,7 +129,7 @@ class StreetProcesses(SubprocVecEnv):
 
     def __init__(self, makes: list[Callable[[], gymnasium.Env[Any, Any]]]) -> None:
         with self._watched():
-            super().__init__(makes, start_method="spawn")
+            super().__init__(makes, start_method=start_method())
         if isinstance(self.observation_space, SfolError):
             self.close()
             raise self.observation_space

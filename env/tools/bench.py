@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from itertools import count
+from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,27 +29,15 @@ _BRAKE = np.array([-1.0], np.float32)
 _STRETCH = 100  # steps that are timed together, so that an episode's reset has its share
 _FRAMES = 20  # the same, where every step is seen and described
 
-_WORKER = """
-import resource
-import numpy as np
-from env.street.crossing import OccludedCrossing
-street = OccludedCrossing(traffic="high", occlusion="full", observation="vsr")
-for seed in range(3):
-    street.reset(seed=seed)
-    for _ in range(10):
-        street.step(np.array([0.5], np.float32))
-print(max(int(line.split()[1]) for line in open("/proc/self/status") if "VmHWM" in line) / 1024)
-"""
-
 
 def measure() -> dict[str, Any]:
     """Return the median cost of every stage on a busy street, before the crosswalk.
 
     Returns:
         Times in ms; the ratio of a whole step to a frame of pybullet's TinyRenderer; steps a
-        second with truth and state, random actions, resets included; the memory of one worker in
-        MB; steps a second of the main setup's training without its updates, by where its facts come
-        from.
+        second with truth and state, random actions, resets included; decisions a second of the
+        main setup's training without its updates, by where its facts come from, and the memory of
+        one of its workers in MB, where a page that n processes share counts for 1/n (Linux alone).
     """
     street = OccludedCrossing(traffic="high", occlusion="full")
     try:
@@ -60,14 +49,13 @@ def measure() -> dict[str, Any]:
         **stages,
         "truth_steps_per_second_low": _steps_per_second("low"),
         "truth_steps_per_second_high": _steps_per_second("high"),
-        "worker_mb": _worker_memory(),
-        "training_steps_per_second_simulator": _training_pace("simulator"),
-        "training_steps_per_second_unet": _training_pace("unet"),
+        **_training("simulator"),
+        **_training("unet"),
     }
 
 
-def _training_pace(perception: str) -> float:
-    """Return how many steps a second all streets of the main setup drive, random actions.
+def _training(perception: str) -> dict[str, float]:
+    """Return how fast all streets of the main setup are driven, random actions, and in what memory.
 
     That is all of a training but for policy and updates.
     """
@@ -81,9 +69,19 @@ def _training_pace(perception: str) -> float:
             streets.step(pedals)
 
     try:
-        return round(_FRAMES * setup.streets / median(drive), 1)
+        pace = round(_FRAMES * setup.streets / median(drive), 1)
+        memory = max(_memory_of(worker) for worker in active_children())
     finally:
         streets.close()
+    return {
+        f"training_steps_per_second_{perception}": pace,
+        f"worker_mb_{perception}": round(memory),
+    }
+
+
+def _memory_of(process: BaseProcess) -> float:
+    lines = Path(f"/proc/{process.pid}/smaps_rollup").read_text().splitlines()
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
 
 
 def _steps_per_second(traffic: Traffic) -> int:
@@ -104,13 +102,6 @@ def _steps_per_second(traffic: Traffic) -> int:
         return round(_STRETCH / median(drive))
     finally:
         street.close()
-
-
-def _worker_memory() -> int:
-    """Return the most memory that a process with one busy street has had, in MB."""
-    command = [sys.executable, "-c", _WORKER]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return round(float(done.stdout))
 
 
 def _drive_to(street: OccludedCrossing, position: float) -> None:

@@ -14,6 +14,9 @@ from sfol.errors import SfolError, UsageError
 ROOT = Path(__file__).parents[3]
 
 
+MODULES = {"torch", "stable_baselines3", "openvino", "pybullet", "env.street.crossing"}
+
+
 def work(job):
     if job == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
@@ -76,3 +79,13 @@ def test_who_stops_early_stops_the_work():
 
 def test_there_is_at_least_one_core():
     assert cores() >= 1
+
+
+def test_workers_have_what_they_need_from_their_start(capfd):
+    """Each would import it for itself, otherwise, and hold it alone."""
+    names = "set(__import__('sys').modules)"
+    threads = "__import__('torch').get_num_threads()"
+    loaded, count = in_order(eval, [names, threads], workers=2)
+    assert loaded.issuperset(MODULES)
+    assert count == 1
+    assert "pybullet" not in capfd.readouterr().err

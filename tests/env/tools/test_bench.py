@@ -25,8 +25,9 @@ def test_every_stage_is_reported(monkeypatch):
         "step",
     }
     assert stages == {name.removesuffix("_ms") for name in figures if name.endswith("_ms")}
-    others = {"entities_in_view", "step_over_tiny_renderer", "worker_mb"}
-    others |= {f"training_steps_per_second_{source}" for source in ("simulator", "unet")}
+    others = {"entities_in_view", "step_over_tiny_renderer"}
+    for source in ("simulator", "unet"):
+        others |= {f"training_steps_per_second_{source}", f"worker_mb_{source}"}
     others |= {f"truth_steps_per_second_{traffic}" for traffic in ("low", "high")}
     assert others == {name for name in figures if not name.endswith("_ms")}
     assert all(value > 0 for value in figures.values())
