@@ -43,6 +43,7 @@ GROUND = {
         "facts",
         "json_files",
         "tensor_files",
+        "threads",
     },
     "env": set(),
 }

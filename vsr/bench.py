@@ -25,6 +25,7 @@ from vsr.hypervectors.descriptor import Layout, SceneDescriptor
 from vsr.hypervectors.fusion import Fusion
 from vsr.networks import network_speed
 from vsr.segmentation import Frame
+from vsr.threads import one_thread
 
 ENTITIES, NEIGHBOURS, CELLS = 12, 3, 20
 SIDE = 224
@@ -39,13 +40,8 @@ def measure() -> dict[str, Any]:
         where the descriptor starts from given entities; and, where torchhd is installed, how much
         longer it takes for the same vector, bind by bind.
     """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.inference_mode():
-            return {"entities": ENTITIES, **_perception(), **_descriptor()}
-    finally:
-        torch.set_num_threads(threads)
+    with one_thread(), torch.inference_mode():
+        return {"entities": ENTITIES, **_perception(), **_descriptor()}
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ from sfol.cli.output import escaped
 from sfol.facts import Facts
 from sfol.locking import locked_folder
 from sfol.writing import check_writable
+from vsr.threads import one_thread
 
 _REPORT, _LOG = "report.html", "episodes.parquet"
 
@@ -66,7 +67,7 @@ def run_demo(rules: str, output: Path, seed: int, console: Console) -> None:
             driver can't be used.
     """
     kb = sfol.KnowledgeBase.load(rules)
-    with locked_folder(output):
+    with locked_folder(output), one_thread():
         check_writable(output / _REPORT, output / _LOG)
         started = time.perf_counter()
         episodes = _drive_all([plan._replace(seed=plan.seed + seed) for plan in DEMO], kb, console)

@@ -12,6 +12,7 @@ from multiprocessing import get_all_start_methods, get_context, parent_process
 from typing import TypeVar
 
 from sfol.errors import SfolError
+from vsr.threads import one_thread
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -29,7 +30,8 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
         SfolError: a process was killed.
     """
     if workers == 1:
-        yield from map(work, jobs)
+        with one_thread():
+            yield from map(work, jobs)
         return
     pool = ProcessPoolExecutor(
         min(workers, len(jobs)) or 1, mp_context=get_context(start_method()), initializer=_settle

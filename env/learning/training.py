@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import torch
 from pydantic import ValidationError
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
@@ -50,6 +49,7 @@ from sfol.knowledge_base import KnowledgeBase
 from sfol.locking import locked_folder
 from sfol.reading import content_of, first_reason
 from sfol.writing import replacing
+from vsr.threads import one_thread
 
 # Of what streets draw: cells, and the seeds of their episodes.
 _TRAINING_DRAWS = 1_000_000_000
@@ -96,7 +96,7 @@ def train(setup: Setup, folder: Path, *, progress: Progress = lambda steps, stag
     """
     start_of(setup)  # refused before anything is written
     rules = sfol.KnowledgeBase.load(*setup.rules)
-    with locked_folder(folder), _threads_for(setup), divergence_told():
+    with locked_folder(folder), one_thread(), divergence_told():
         _claim(folder, setup)
         record = _Record(setup, rules, folder)
         if record.last_evaluation >= setup.steps:
@@ -150,21 +150,6 @@ def _learn(
         model.learn(setup.steps - done, callback=CallbackList(callbacks), reset_num_timesteps=False)
         checkpoints.write(model)
     record.evaluate(model)
-
-
-@contextmanager
-def _threads_for(setup: Setup) -> Iterator[None]:
-    """Let torch use one thread where others drive, since only small networks are run here then.
-
-    On two cores, with the workers that drive, more threads halved the pace.
-    """
-    threads = torch.get_num_threads()
-    if setup.streets > 1:
-        torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _claim(folder: Path, setup: Setup) -> None:
