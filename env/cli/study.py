@@ -15,6 +15,7 @@ from env.cli.progress import counters
 from env.driving.setup import load_setup
 from env.world.cells import CELLS, Cell
 from sfol.cli.output import escaped
+from sfol.tools.ray_cluster import HELP
 from sfol.writing import check_writable
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def study(  # noqa: PLR0913 (each is an option)
         typer.Option(help="Folder of the results. [default: runs/study; runs/quick with --quick]"),
     ] = None,
     drivers: DriversOption = Path("results/drivers"),
+    ray: Annotated[str | None, typer.Option(help=HELP, metavar="ADDRESS")] = None,
     trainings: Annotated[
         Path | None,
         typer.Option(
@@ -76,6 +78,7 @@ def study(  # noqa: PLR0913 (each is an option)
 
     console = Console(highlight=False)
     folder = output or Path("runs/quick" if in_short else "runs/study")
+    kept = trainings or (folder / "trainings" if in_short else Path("runs/train"))
     plan = StudyPlan(
         setups={source: load_setup(source) for source in setup or _papers()},
         seeds=tuple(seed or [0]),
@@ -83,8 +86,9 @@ def study(  # noqa: PLR0913 (each is an option)
         episodes=episodes or (1 if in_short else 100),
         in_short=in_short,
         workers=workers or cores(),
-        trainings=trainings or (folder / "trainings" if in_short else Path("runs/train")),
-        results=StudyFolder(folder),
+        trainings=kept.resolve() if ray else kept,
+        results=StudyFolder(folder.resolve() if ray else folder),
+        ray=ray,
     )
     figures = folder / "figures"
     with locked_folder(folder):

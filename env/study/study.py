@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from env.study.study_results import (
 )
 from env.world.cells import Cell
 from sfol.errors import UsageError
+from sfol.tools.ray_cluster import on_ray
 
 _CURVE_POINTS = 60  # of a training
 
@@ -45,6 +47,7 @@ class StudyPlan:
         workers: how many processes drive.
         trainings: folder for checkpoints and policies, one for each setup and seed.
         results: folder for what is found.
+        ray: address of a Ray cluster, whose machines see both folders; None: all is done here.
     """
 
     setups: Mapping[str, Setup]
@@ -55,6 +58,7 @@ class StudyPlan:
     workers: int
     trainings: Path
     results: StudyFolder
+    ray: str | None = None
 
 
 def quick(setup: Setup) -> Setup:
@@ -85,11 +89,33 @@ def run_study(plan: StudyPlan, progress: Progress) -> None:
             anything is trained; or what `env.learning.training.train` raises.
     """
     _check(plan)
-    for source, setup in plan.setups.items():
-        for seed in plan.seeds:
-            seeded = setup.model_copy(update={"seed": seed})
-            command = _command(plan, source, seed)
-            _study_one(plan, quick(seeded) if plan.in_short else seeded, command, progress)
+    trainings = [
+        _Training(quick(seeded) if plan.in_short else seeded, _command(plan, source, seed))
+        for source, setup in plan.setups.items()
+        for seed in plan.seeds
+        for seeded in [setup.model_copy(update={"seed": seed})]
+    ]
+    if plan.ray is None:
+        for training in trainings:
+            _study_one(plan, training, progress)
+        return
+    processors = max(setup.streets for setup in plan.setups.values())
+    work = partial(_study_there, replace(plan, workers=processors))
+    progress("trainings", 0, len(trainings))
+    for done, _ in enumerate(on_ray(work, trainings, plan.ray, processors=processors), start=1):
+        progress("trainings", done, len(trainings))
+
+
+class _Training(NamedTuple):
+    """A setup with its seed, and what makes its results again."""
+
+    setup: Setup
+    command: str
+
+
+def _study_there(plan: StudyPlan, training: _Training) -> None:
+    """Do a part of a study on another machine."""
+    _study_one(plan, training, lambda what, done, total: None)
 
 
 def _check(plan: StudyPlan) -> None:
@@ -108,7 +134,8 @@ def _check(plan: StudyPlan) -> None:
     plan.results.check([training_name(setup.name, setup.seed) for setup in seeded])
 
 
-def _study_one(plan: StudyPlan, setup: Setup, command: str, progress: Progress) -> None:
+def _study_one(plan: StudyPlan, training: _Training, progress: Progress) -> None:
+    setup, command = training
     name = training_name(setup.name, setup.seed)
     rules = sfol.KnowledgeBase.load(*setup.rules)
     if _is_complete(plan, setup, name, rules):

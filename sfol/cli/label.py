@@ -16,6 +16,7 @@ from sfol.cli.output import line, stdout
 from sfol.reward import RewardFunction
 from sfol.tools.label import PART_ROWS
 from sfol.tools.label import label as labelled
+from sfol.tools.ray_cluster import HELP
 from sfol.tools.texts import visible
 
 
@@ -34,6 +35,7 @@ def label(
     part_rows: Annotated[
         int, typer.Option(min=1, help="Rows from which on a part is full.")
     ] = PART_ROWS,
+    ray: Annotated[str | None, typer.Option(help=HELP, metavar="ADDRESS")] = None,
 ) -> None:
     """Label recorded steps in Parquet files with their rewards, terms, weights and confidences.
 
@@ -52,7 +54,7 @@ def label(
         def show(done: int, rows: int) -> None:
             progress.update(task, completed=done, total=rows)
 
-        result = labelled(data, target, reward, part_rows=part_rows, on_rows=show)
+        result = labelled(data, target, reward, part_rows=part_rows, ray=ray, on_rows=show)
     pace = result.new_rows / (time.perf_counter() - start)
     line(
         stdout(),

@@ -16,7 +16,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ from sfol.locking import locked_folder
 from sfol.outcome import log_items
 from sfol.reading import first_reason, opened, text_of
 from sfol.reward import RewardFunction
+from sfol.tools.ray_cluster import on_ray
 from sfol.writing import replacing
 
 if TYPE_CHECKING:
@@ -79,12 +81,13 @@ class Labelled:
     new_rows: int
 
 
-def label(
+def label(  # noqa: PLR0913 (options)
     data: str | Path,
     folder: str | Path,
     reward: RewardFunction,
     *,
     part_rows: int = PART_ROWS,
+    ray: str | None = None,
     on_rows: Callable[[int, int], None] = lambda done, rows: None,
 ) -> Labelled:
     """Label recorded steps, or go on with it.
@@ -94,10 +97,13 @@ def label(
         folder: where the parts go, which is made.
         reward: the reward function.
         part_rows: row groups are put together until a part has so many rows.
-        on_rows: is told after each batch how many rows are labelled, of how many.
+        ray: address of a Ray cluster, whose processes label parts side by side; they must see both
+            folders. None: this process does.
+        on_rows: is told after each batch, or each part of a cluster's, how many rows are labelled,
+            of how many.
 
     Raises:
-        MissingExtraError: pyarrow is not installed.
+        MissingExtraError: pyarrow is not installed, or Ray, where it is asked for.
         FileError: a file can't be read.
         UsageError: an argument is of another type, there is no data, the folder has labels of
             other data or rules, a column has the name of a label, or the folder can't be written
@@ -117,10 +123,9 @@ def label(
         missing = [part for part in parts if not part.path.exists()]
         done = rows - sum(part.rows for part in missing)
         on_rows(done, rows)
-        for part in missing:
-            for count in _write(part, reward):
-                done += count
-                on_rows(done, rows)
+        for count in _written(missing, reward, ray):
+            done += count
+            on_rows(done, rows)
     new = sum(part.rows for part in missing)
     return Labelled(rows, tuple(part.path for part in parts), new)
 
@@ -210,6 +215,20 @@ def _text(about: Mapping[str, Any]) -> str:
 
 
 # -- parts --------------------------------------------------------------------------------------
+
+
+def _written(parts: Sequence[Part], reward: RewardFunction, ray: str | None) -> Iterator[int]:
+    """Write parts, and yield now and then how many rows were labelled since."""
+    if ray is None:
+        for part in parts:
+            yield from _write(part, reward)
+        return
+    there = [replace(p, source=p.source.resolve(), path=p.path.resolve()) for p in parts]
+    yield from on_ray(partial(_write_whole, reward), there, ray)
+
+
+def _write_whole(reward: RewardFunction, part: Part) -> int:
+    return sum(_write(part, reward))
 
 
 def _write(part: Part, reward: RewardFunction) -> Iterator[int]:

@@ -1,5 +1,6 @@
 """The study: from setups to results, each made once, with episodes of two seconds."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -134,3 +135,12 @@ def test_from_the_camera_to_the_figures(tmp_path):
     assert StudyFolder(folder).training(training_name("small", 0)).steps == 48
     assert (folder / "figures" / "trajectory-small-seed0.png").stat().st_size > 10_000
     assert (folder / "figures" / "collision_test.md").is_file()
+
+
+def test_what_a_ray_cluster_has_done_is_done(plan):
+    pytest.importorskip("ray", reason="a Ray cluster needs the extra ray")
+    assert run(replace(plan, ray="local")) == {"trainings": (1, 1)}
+    (training,) = plan.results.trainings()
+    assert training.steps == 48
+    assert len(plan.results.drive_results()) == len(HERE)
+    assert run(plan) == {}
