@@ -42,6 +42,7 @@ NEEDED = {
     "fetch": "gymnasium_robotics",
     "highway": "highway_env",
     "lunarlander": "Box2D",
+    "mjx": "mujoco.mjx",
     "rllib_crossing": "ray.rllib",
     "spread": "mpe2",
 }
