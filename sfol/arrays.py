@@ -433,7 +433,7 @@ class _Torch(Backend):
         return self._torch.as_tensor(values, device=self._device)
 
     def real(self, values: Array) -> Array:
-        return self._torch.as_tensor(values, device=self._device).to(self._dtype)
+        return self._torch.as_tensor(values, dtype=self._dtype, device=self._device)
 
     def full(self, count: int, value: float | bool) -> Array:
         dtype = self._torch.bool if isinstance(value, bool) else self._dtype

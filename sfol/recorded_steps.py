@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sfol import arrays
 from sfol.arrays import Array
 from sfol.engines.lanes import given
 from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
@@ -19,7 +20,7 @@ _Step = Sequence[Observation]
 _NUMBERS = (float, int, np.number, np.bool_)
 
 
-class _Leaf(NamedTuple):
+class Leaf(NamedTuple):
     """An array of a step: of which whole, the keys there, and its shape without B."""
 
     whole: int
@@ -47,7 +48,7 @@ class RecordedSteps:
         self._of_one = of_one
         self._state: object = None
         self._asked = 0
-        self._recording: _Recording | None = None
+        self._recording: Recording | None = None
 
     def numbers(self, step: _Step, state: object) -> list[float] | None:
         """Return what is wanted of one step; None if it has to be found out by evaluation.
@@ -70,7 +71,7 @@ class RecordedSteps:
         values = None if recording is None else recording.arrays(step)
         return None if recording is None or values is None else recording.apart(values, step)
 
-    def _recorded(self, step: _Step, state: object) -> _Recording | None:
+    def _recorded(self, step: _Step, state: object) -> Recording | None:
         if not _is_plain(step[0]):
             return None
         if state != self._state:
@@ -78,52 +79,55 @@ class RecordedSteps:
         if self._asked < 2:
             self._asked += 1
             if self._asked == 2:
-                self._recording = _recording(self._evaluate, step, of_one=self._of_one)
+                self._recording = record(self._evaluate, step, of_one=self._of_one)
         return self._recording
 
 
-class _Recording:
+class Recording:
     """What is wanted of steps, on tape.
 
-    Args:
-        leaves: name → the array that it names.
+    Attributes:
+        leaves: name → the array that it names, of those that are needed.
         program: gives what is wanted.
     """
 
-    def __init__(self, leaves: Sequence[_Leaf], program: Program) -> None:
-        self._program = program
+    def __init__(self, leaves: Sequence[Leaf], program: Program) -> None:
+        self.program = program
         self._needed: dict[int, list[int]] = {}  # of each array that is given
         for name, index, _ in program.given:
             self._needed.setdefault(name, []).append(index)
-        self._leaves = {name: leaves[name] for name in self._needed}
+        self.leaves = {name: leaves[name] for name in self._needed}
 
     def numbers(self, step: _Step) -> list[float] | None:
+        """Return what is wanted of one step; None if the tape does not hold for it."""
         given = {}
-        for name, leaf in self._leaves.items():
-            numbers = _numbers(_found(step, leaf), leaf.shape)
+        for name, leaf in self.leaves.items():
+            numbers = _numbers(leaf_of(step, leaf), leaf.shape)
             if numbers is None:
                 return None
             given[name] = numbers
-        return self._program.of_numbers(given)
+        return self.program.of_numbers(given)
 
     def arrays(self, step: _Step) -> list[Array] | None:
+        """Return what is wanted of B steps; None if the tape does not hold for one of them."""
         given: dict[int, npt.NDArray[np.float64]] = {}
         sizes = set()
-        for name, leaf in self._leaves.items():
-            value = _found(step, leaf)
+        for name, leaf in self.leaves.items():
+            value = leaf_of(step, leaf)
             if not _is_array(value) or value.shape[1:] != leaf.shape or not len(value):
                 return None
-            if len(value) * self._program.size > MOST_NUMBERS:
+            if len(value) * self.program.size > MOST_NUMBERS:
                 return None
             sizes.add(len(value))
             columns = value.reshape(len(value), -1).T
             given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
             if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
                 return None
-        return self._program.of_arrays(given) if len(sizes) == 1 else None
+        return self.program.of_arrays(given) if len(sizes) == 1 else None
 
     def apart(self, values: Sequence[Array], step: _Step) -> list[Array]:
-        size = len(_found(step, next(iter(self._leaves.values()))))
+        """Return what `arrays` gave as arrays (B,), each one of its own."""
+        size = len(leaf_of(step, next(iter(self.leaves.values()))))
         seen: set[int] = set()
         own: list[Array] = []
         for value in values:
@@ -137,12 +141,12 @@ class _Recording:
         return own
 
 
-def _recording(
+def record(
     evaluate: Callable[[ObservedStep], Sequence[Array]], step: _Step, *, of_one: bool
-) -> _Recording | None:
+) -> Recording | None:
     """Record the evaluation of the first of some steps, if that can be done."""
     tape = Tape()
-    leaves: list[_Leaf] = []
+    leaves: list[Leaf] = []
 
     def recorded(whole: int, keys: _Keys, value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -156,18 +160,27 @@ def _recording(
         first: Any = np.asarray(value)[None] if of_one else np.asarray(value)[:1]
         if not _is_array(first):
             raise NotRecordableError
-        leaves.append(_Leaf(whole, keys, first.shape[1:]))
+        leaves.append(Leaf(whole, keys, first.shape[1:]))
         return given(tape, len(leaves) - 1, first)
 
     try:
         wholes = [recorded(i, (), value) for i, value in enumerate(step)]
         wanted = [value.ids.reshape(()).item() for value in evaluate(ObservedStep(*wholes))]
-        return _Recording(leaves, tape.program(wanted))
+        return Recording(leaves, tape.program(wanted))
     except (NotRecordableError, SfolError, TypeError):
         return None  # an evaluation will say what is wrong with it, if anything is
 
 
-def _found(step: _Step, leaf: _Leaf) -> Any:
+def first_of(value: Any) -> Any:
+    """Return the first of B observations as numpy's arrays, with an axis B of 1."""
+    if isinstance(value, Mapping):
+        return {key: first_of(part) for key, part in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(first_of, value))
+    return arrays.plain(value)[:1] if arrays.is_array(value) else value
+
+
+def leaf_of(step: _Step, leaf: Leaf) -> Any:
     """Return an array of a step, or None if there is none."""
     value = step[leaf.whole]
     try:

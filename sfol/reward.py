@@ -41,8 +41,9 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.recorded_steps import RecordedSteps
+from sfol.recorded_steps import RecordedSteps, first_of, record
 from sfol.syntax import is_name, is_variable
+from sfol.tensor_reward import TensorReward
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
@@ -448,6 +449,54 @@ class RewardFunction:
         """
         step = ObservedStep(observation, action, next_observation, native, terminated, truncated)
         return self._of_scenes(step, signals)
+
+    def on_tensors(  # noqa: PLR0913, PLR0917 (as above)
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
+        /,
+    ) -> TensorReward:
+        """Return what `transitions` does as one function of torch tensors, to compile or to map.
+
+        It checks nothing and raises nothing: a step for which `transitions` would has a reward of
+        NaN. It computes in float64, and has the numbers of rules and formulas as they are now.
+
+        Args:
+            observation: of steps that show the form of all others, arrays or tensors with an axis B
+                before all others, as for `transitions`; so are the rest.
+            action: likewise.
+            next_observation: likewise.
+            native: likewise.
+            terminated: likewise.
+            truncated: likewise.
+
+        Returns:
+            A function of the same arguments, see `sfol.tensor_reward.TensorReward`.
+
+        Raises:
+            UsageError: what would be done depends on more than the form, or is too much for this.
+            The errors of `transitions`, for the first of the steps.
+
+        Example:
+            >>> import torch
+            >>> reward = RewardFunction("cartpole")
+            >>> graph = torch.compile(reward.on_tensors(torch.zeros(1, 4)), fullgraph=True)
+        """
+        step = (observation, action, next_observation, native, terminated, truncated)
+        first = [first_of(part) for part in step]
+        self.transitions(*first)  # which says what is wrong, if anything is
+        recording = record(self._wanted, first, of_one=False)
+        if recording is None:
+            raise UsageError(
+                f"what '{self.kb.name}' does to an observation is too much for one graph",
+                name=self.kb.name,
+                suggestion="fewer entities in the tables of the observation, or `transitions`",
+            )
+        return TensorReward(recording, [*self.kb.terms], [*self.kb.weights], self.subject_heads)
 
     def batch(self, scenes: Sequence[Facts]) -> Batch:
         """Encode many scenes at once, to evaluate them many times.

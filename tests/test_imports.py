@@ -55,6 +55,7 @@ ORDER = {
         {"engines"},
         {"outcome", "logs"},
         {"explain", "recorded_steps"},
+        {"tensor_reward"},
         {"reward"},
         {"", "wrappers"},
         {"sb3"},

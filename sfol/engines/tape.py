@@ -297,8 +297,12 @@ class Program:
     """The operations of a tape that some of its lanes need.
 
     Attributes:
-        given: the numbers that it takes: name, index, and where it puts them.
-        size: how many lanes it has.
+        size: how many lanes it has; all else is said of their places, from 0 on.
+        given: the numbers that it takes: name, index, and where they are put.
+        constants: places with a value.
+        operations: in order, what is done to which places, and where its result is put.
+        guards: places with the truth value that they must have, or the tape does not hold.
+        outputs: where that is which is wanted.
 
     Args:
         entries: lane → an operation and its lanes, in their order.
@@ -315,10 +319,15 @@ class Program:
         guards: tuple[tuple[int, bool], ...],
     ) -> None:
         places = {lane: place for place, lane in enumerate(entries)}
-        steps = [(place, e) for place, e in enumerate(entries.values()) if e[0] in OPERATIONS]
-        if len(steps) > MOST_LANES:
+        self.operations = [
+            (operation, tuple(places[lane] for lane in lanes), place)
+            for place, (operation, *lanes) in enumerate(entries.values())
+            if operation in OPERATIONS
+        ]
+        if len(self.operations) > MOST_LANES:
             raise NotRecordableError
         self.size = len(entries)
+        self.constants = [(places[lane], value) for lane, value in constants.items()]
         self._start: list[Any] = [constants.get(lane) for lane in entries]
         self.given = [
             (name, index, place)
@@ -326,12 +335,12 @@ class Program:
             if kind == "given"
             for name, index in [rest]
         ]
-        self._outputs = [places[lane] for lane in outputs]
-        self._guards = [(places[lane], value) for lane, value in guards]
+        self.outputs = [places[lane] for lane in outputs]
+        self.guards = [(places[lane], value) for lane, value in guards]
         self._of_numbers, self._of_arrays = (
             [
-                (OPERATIONS[operation][kind], len(lanes), *_three(lanes, places), place)
-                for place, (operation, *lanes) in steps
+                (OPERATIONS[operation][kind], len(inputs), *_three(inputs), place)
+                for operation, inputs, place in self.operations
             ]
             for kind in (0, 1)
         )
@@ -348,10 +357,10 @@ class Program:
             if number != number:  # noqa: PLR0124 (NaN, and math.isnan takes longer)
                 return None
         _run(self._of_numbers, lanes)
-        for place, value in self._guards:
+        for place, value in self.guards:
             if lanes[place] != value:
                 return None
-        return [lanes[place] for place in self._outputs]
+        return [lanes[place] for place in self.outputs]
 
     def of_arrays(self, given: Mapping[int, npt.NDArray[np.float64]]) -> list[Array] | None:
         """Return the outputs for B scenes, (B,) or a number; None if the tape does not hold.
@@ -365,14 +374,14 @@ class Program:
         with np.errstate(all="ignore"):
             _run(self._of_arrays, lanes)
         if any(
-            not lanes[place].all() if value else lanes[place].any() for place, value in self._guards
+            not lanes[place].all() if value else lanes[place].any() for place, value in self.guards
         ):
             return None
-        return [lanes[place] for place in self._outputs]
+        return [lanes[place] for place in self.outputs]
 
 
-def _three(lanes: Sequence[int], places: Mapping[int, int]) -> tuple[int, int, int]:
-    first, second, third = (*(places[lane] for lane in lanes), 0, 0)[:3]
+def _three(inputs: tuple[int, ...]) -> tuple[int, int, int]:
+    first, second, third = (*inputs, 0, 0)[:3]
     return first, second, third
 
 
