@@ -35,5 +35,10 @@ def _import_all() -> None:
 
 
 _import_all()
+with suppress(ImportError):
+    from tqdm import tqdm
+
+    # Each worker would make a lock of its own, which it leaves behind if it is interrupted.
+    tqdm.get_lock()
 # What the garbage collector never visits it never writes to, so that processes go on sharing it.
 gc.freeze()
