@@ -41,6 +41,7 @@ GROUND = {
         "entities",
         "grounding",
         "facts",
+        "tracking",
         "json_files",
         "tensor_files",
         "threads",

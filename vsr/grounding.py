@@ -52,6 +52,24 @@ class Camera(_Section):
         return width / 2 / math.tan(math.radians(self.fov) / 2)
 
 
+class Tracking(_Section):
+    """How entities keep their names from picture to picture; see `vsr.tracking`."""
+
+    lost_after: float = Field(
+        default=1.0,
+        ge=0.0,
+        description="How long the name of an entity that is not seen is kept, in s.",
+    )
+    slack: float = Field(
+        default=2.0,
+        ge=0.0,
+        description=(
+            "By how much boxes are widened on each side before they are compared, in px, so that "
+            "what is far away and small may move by its own breadth."
+        ),
+    )
+
+
 class SegmentationGrounding(_Section):
     """How facts are read off a segmentation map.
 
@@ -101,6 +119,13 @@ class SegmentationGrounding(_Section):
     clear_requires_unoccluded: bool = Field(
         default=False,
         description="Whether a crosswalk that something hides in part can be clear (no unit).",
+    )
+    tracking: Tracking | None = Field(
+        default=None,
+        description=(
+            "How entities keep their names over time; without it, names count within each "
+            "picture, nearest first. `{}` has the defaults."
+        ),
     )
     bounds: dict[UnratedPredicate, Pair] = Field(
         default_factory=dict,

@@ -65,6 +65,25 @@ def agreement_command(
     )
 
 
+@app.command("tracking")
+def tracking_command(
+    *,
+    episodes: Annotated[int, typer.Option(min=1, help="Through all cells in turn.")] = 24,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first episode.")] = 0,
+) -> None:
+    """Print how often entities change their names, against the simulator's own bodies.
+
+    The cautious driver drives with the perception simulator. By names that count within each
+    picture, and by those that `grounding.segmentation.tracking` keeps: how often somebody is seen
+    by another name than before, and how often a name shows somebody else than before.
+
+    Example: `aeb tracking --episodes 60 --seed 5000`
+    """
+    from env.tools.tracking import print_switches
+
+    print_switches(episodes=episodes, seed=seed)
+
+
 @app.command("renderers")
 def renderers_command(
     *,

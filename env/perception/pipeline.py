@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,10 @@ from vsr.entities import ClassMap, Entity, class_map, find_entities
 from vsr.facts import scene_facts
 from vsr.grounding import SegmentationGrounding
 from vsr.segmentation import Frame, Segmenter, SimulatorSegmenter
+from vsr.tracking import Tracker
+
+# Takes the entities of one picture and returns them, in their order, with the names to use.
+Naming = Callable[[Sequence[Entity]], tuple[Entity, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +79,26 @@ class ScenePipeline:
         self.grounding = self.kb.grounding_of("segmentation", SegmentationGrounding)
         self._segmenter = segmenter or SimulatorSegmenter()
 
-    def perceive(self, frames: Sequence[Frame]) -> list[Scene]:
-        """Return the scene of each frame; the segmenter runs once for all of them."""
-        return [self._read(segmented) for segmented in self._segmenter(frames)]
+    def naming(self, step: float) -> Naming:
+        """Return what names the entities of an episode, picture after picture.
+
+        By the knowledge base's ``grounding.segmentation.tracking`` they keep their names; without
+        it the names count within each picture.
+
+        Args:
+            step: from one picture to the next, in s.
+        """
+        tracking = self.grounding.tracking
+        return tuple if tracking is None else Tracker(tracking, step)
+
+    def perceive(self, frames: Sequence[Frame], naming: Naming = tuple) -> list[Scene]:
+        """Return the scene of each frame; the segmenter runs once for all of them.
+
+        Args:
+            frames: B frames; with a naming they follow each other in one episode.
+            naming: of that episode. Without any, names count within each picture.
+        """
+        return [self._read(segmented, naming) for segmented in self._segmenter(frames)]
 
     def scene(
         self, entities: tuple[Entity, ...], facts: sfol.Facts, classes: ClassMap | None = None
@@ -85,8 +106,8 @@ class ScenePipeline:
         """Return the scene of what was seen; this is where its conclusions are drawn, once."""
         return Scene(entities, facts, self.reward.conclude(facts), classes)
 
-    def _read(self, segmented: NDArray[Any]) -> Scene:
+    def _read(self, segmented: NDArray[Any], naming: Naming) -> Scene:
         classes = class_map(segmented)
-        entities = find_entities(segmented, self.grounding.minimum_area, classes)
+        entities = naming(find_entities(segmented, self.grounding.minimum_area, classes))
         facts = scene_facts(entities, classes, self.grounding, self.reward.facts(), self.kb.subject)
         return self.scene(entities, facts, classes)

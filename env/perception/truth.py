@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from env.perception.pipeline import Scene, ScenePipeline
+from env.perception.pipeline import Naming, Scene, ScenePipeline
 from env.perception.ray_casting import (
     UNSEEN,
     Bodies,
@@ -49,17 +49,18 @@ class TruthPerception:
         self._facts = pipeline.reward.facts()
         self._conclusions = pipeline.reward.conclude(self._facts)
 
-    def perceive(self, front: float, people: Walkers) -> Scene:
+    def perceive(self, front: float, people: Walkers, naming: Naming = tuple) -> Scene:
         """Return what the dash camera could see.
 
         Args:
             front: x of ego's front bumper, in m.
             people: where they are.
+            naming: of the episode; see `ScenePipeline.naming`.
 
         Returns:
             The scene, without a class map.
         """
-        evidence, pipeline = self._rays.cast(front, people), self._pipeline
+        evidence, pipeline = self._rays.cast(front, people, naming), self._pipeline
         atoms = unrated_atoms(evidence, pipeline.grounding, self._rays.pinhole, pipeline.kb.subject)
         said = [entity.name for entity in evidence.entities], list(atoms)
         # From step to step often the same is said, and the same follows from it.
@@ -119,12 +120,13 @@ class RayCaster:
         self._filled = np.ones((lens.size, lens.size), np.bool_)
         self._filled.flags.writeable = False
 
-    def cast(self, front: float, people: Walkers) -> RayEvidence:
+    def cast(self, front: float, people: Walkers, naming: Naming = tuple) -> RayEvidence:
         """Return what the dash camera could see.
 
         Args:
             front: x of ego's front bumper, in m.
             people: where they are.
+            naming: of the episode; see `ScenePipeline.naming`.
         """
         world = self._world
         swings = leg_swings(people.phases, people.speeds)
@@ -135,7 +137,7 @@ class RayCaster:
             _parked(tuple(world.parked)),
             Bodies(people.positions, people.headings, swings, world.heights),
         )
-        return RayEvidence(sight, self._entities(sight))
+        return RayEvidence(sight, naming(self._entities(sight)))
 
     def _entities(self, sight: Sight) -> tuple[Entity, ...]:
         """Return what is seen; names count within a class."""

@@ -196,6 +196,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self.gap = self._gap()
         self._contacts_at_rest = 0
         self._begun = True
+        self._perceive.reset(self)
         self._look()
         observation = self._observer(self)
         self._ended = False

@@ -25,6 +25,10 @@ class Perception(Protocol):
         """The knowledge base, its reward and how frames are read."""
         ...
 
+    def reset(self, street: StreetView) -> None:
+        """Forget what was seen: an episode begins."""
+        ...
+
     def __call__(self, street: StreetView) -> Scene:
         """Return the scene as it is now."""
         ...
@@ -40,9 +44,13 @@ class SimulatorPerception:
     def __init__(self, kb: KnowledgeBase) -> None:
         self.pipeline = ScenePipeline(kb)
 
+    def reset(self, street: StreetView) -> None:
+        """Forget who had which name."""
+        self._naming = self.pipeline.naming(street.control_dt)
+
     def __call__(self, street: StreetView) -> Scene:
         """Return the scene; this is where the frame is rendered."""
-        (scene,) = self.pipeline.perceive([street.frame])
+        (scene,) = self.pipeline.perceive([street.frame], self._naming)
         return scene
 
 
@@ -71,9 +79,13 @@ class RayPerception:
         self.pipeline = ScenePipeline(kb)
         self._truth = TruthPerception(world, lens, self.pipeline)
 
+    def reset(self, street: StreetView) -> None:
+        """Forget who had which name."""
+        self._naming = self.pipeline.naming(street.control_dt)
+
     def __call__(self, street: StreetView) -> Scene:
         """Return the scene."""
-        return self._truth.perceive(street.ego.position, street.people)
+        return self._truth.perceive(street.ego.position, street.people, self._naming)
 
 
 class NoPerception:
@@ -81,6 +93,9 @@ class NoPerception:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self.pipeline = ScenePipeline(kb)
+
+    def reset(self, street: StreetView) -> None:
+        """Forget nothing, for nothing was seen."""
 
     def __call__(self, street: StreetView) -> Scene:
         """Return a scene without entities."""

@@ -3,7 +3,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from vsr.grounding import Camera, SegmentationGrounding
+from vsr.grounding import Camera, SegmentationGrounding, Tracking
 
 
 def test_defaults_are_the_papers():
@@ -34,7 +34,7 @@ def test_the_focal_length_of_a_right_angle_is_half_the_width():
 
 
 def test_every_field_is_described():
-    for model in (Camera, SegmentationGrounding):
+    for model in (Camera, Tracking, SegmentationGrounding):
         assert all(field.description for field in model.model_fields.values())
 
 
@@ -71,3 +71,12 @@ def test_wrong_sections_are_refused(section):
 def test_the_section_cannot_be_changed():
     with pytest.raises(ValidationError):
         SegmentationGrounding().window = 3
+
+
+def test_names_are_tracked_if_the_section_says_so():
+    assert SegmentationGrounding().tracking is None
+    section = {"tracking": {"lost_after": 0.5}}
+    assert SegmentationGrounding.model_validate(section).tracking == Tracking(lost_after=0.5)
+    assert SegmentationGrounding.model_validate({"tracking": {}}).tracking == Tracking()
+    with pytest.raises(ValidationError):
+        Tracking(lost_after=-1.0)
