@@ -5,17 +5,21 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import get_all_start_methods, get_context, parent_process
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sfol.errors import SfolError
 from vsr.threads import one_thread
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+_Warning = tuple[str, type[Warning], str, int]  # text, category, and the place that it is about
+_warned: dict[Any, Any] = {}  # where Python notes what was said, to say it once
 
 
 def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[Result]:
@@ -24,7 +28,7 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
     Args:
         work: does a job; a function of a module, so that another process finds it.
         jobs: what is to be done.
-        workers: how many processes; 1 is this one.
+        workers: how many processes; 1 is this one, which also gives the warnings of the others.
 
     Raises:
         SfolError: a process was killed.
@@ -37,7 +41,10 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
         min(workers, len(jobs)) or 1, mp_context=get_context(start_method()), initializer=_settle
     )
     try:
-        yield from pool.map(work, jobs)
+        for result, heard in pool.map(partial(_heard, work), jobs):
+            for warning in heard:
+                warnings.warn_explicit(*warning, registry=_warned)
+            yield result
     except BrokenProcessPool:
         raise SfolError(
             "a worker process was killed, most likely because memory ran out",
@@ -45,6 +52,13 @@ def in_order(work: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _heard(work: Callable[[Job], Result], job: Job) -> tuple[Result, list[_Warning]]:
+    """Return what comes of a job, and what it warned of: many workers would say the same."""
+    with warnings.catch_warnings(record=True) as heard:
+        result = work(job)
+    return result, [(str(w.message), w.category, w.filename, w.lineno) for w in heard]
 
 
 def start_method() -> str:

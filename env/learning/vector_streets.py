@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -31,7 +32,8 @@ from env.street.observation import observer_of
 from env.street.seeds import TRAINING
 from env.world.camera import DashCameraParameters
 from env.world.cells import Cell
-from sfol.errors import SfolError
+from sfol.cli.output import WarningLines
+from sfol.errors import SfolError, SilentZeroWarning
 
 _PATIENCE = 5.0  # s, with a process that has stopped answering
 
@@ -68,7 +70,7 @@ def make_streets(  # noqa: PLR0913 (as for an observer)
     streets: VecEnv = (
         DummyVecEnv([make])
         if number == 1
-        else StreetProcesses([partial(_in_one_thread, make)] * number)
+        else StreetProcesses([partial(_in_worker, make, n == 0) for n in range(number)])
     )
     if setup.frames > 1:
         streets = VecFrameStack(streets, setup.frames)
@@ -100,9 +102,15 @@ def _street(
     )
 
 
-def _in_one_thread(make: Callable[[], StreetsInTurn]) -> gymnasium.Env[Any, Any]:
-    """Make a worker's streets; there is a worker for each processor already."""
+def _in_worker(make: Callable[[], StreetsInTurn], warns: bool) -> gymnasium.Env[Any, Any]:
+    """Make a worker's streets, for one thread: there is a worker for each processor already.
+
+    Of the rules, which are everybody's, one worker warns for all.
+    """
     torch.set_num_threads(1)
+    warnings.showwarning = WarningLines()
+    if not warns:
+        warnings.simplefilter("ignore", SilentZeroWarning)
     try:
         return make()
     except SfolError as error:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-from sfol.errors import InvalidKnowledgeBase, SfolError, UsageError
+from sfol.errors import InvalidKnowledgeBase, SfolError, SilentZeroWarning, UsageError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log
 from sfol.tools.replay import unknown_names
@@ -68,7 +70,8 @@ def run(command: Callable[..., object], **arguments: object) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        _run_to_its_end(command, arguments)
+        with _warnings_in_lines():
+            _run_to_its_end(command, arguments)
     except SfolError as error:
         print_errors(error)
         sys.exit(2)
@@ -80,6 +83,37 @@ def run(command: Callable[..., object], **arguments: object) -> None:
         what = f"'{error.filename}'" if error.filename else "the output"
         print_errors(UsageError(f"{what} can't be read or written: {error.strerror or error}"))
         sys.exit(2)
+
+
+class WarningLines:
+    """Shows our own warnings as a line on standard error, each text once; others as before.
+
+    It takes the place of `warnings.showwarning`. What the caller's filters make an error stays one.
+    """
+
+    def __init__(self) -> None:
+        self._others = warnings.showwarning
+        self._told: set[str] = set()
+
+    def __call__(
+        self, message: Warning | str, category: type[Warning], *place: Any, **named: Any
+    ) -> None:
+        """Show a warning; all else is where it was given, as Python knows it."""
+        text = str(message)
+        if not issubclass(category, SilentZeroWarning):
+            self._others(message, category, *place, **named)
+        elif text not in self._told:
+            self._told.add(text)
+            line(_stderr(), ("warning:", "yellow"), f" {visible(text)}")
+
+
+@contextmanager
+def _warnings_in_lines() -> Iterator[None]:
+    before, warnings.showwarning = warnings.showwarning, WarningLines()
+    try:
+        yield
+    finally:
+        warnings.showwarning = before
 
 
 def _run_to_its_end(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sfol import Facts, KnowledgeBase, RewardFunction
+from sfol.cli import run
 from sfol.errors import SilentZeroWarning
 from sfol.knowledge_base.loading import bundled_names
 from sfol.tools.lint import lint, located
@@ -228,6 +229,39 @@ def test_a_warning_names_the_line_of_the_program(door):
     with pytest.warns(SilentZeroWarning) as caught:
         reward(Facts.parse(SCENE))
     assert [warning.filename for warning in caught] == [__file__]
+
+
+ONE_LINE = "warning: 'door': no rule concludes 'out' about the subject 'robot', but about 'door1' ("
+
+
+def test_a_command_says_it_in_one_line(door, tmp_path):
+    door({OUT: "out(door1) :- Near(door1, X), Robot(X)."})
+    done = sfol("explain", tmp_path / "door.yaml", "--facts", "Door(door1).")
+    assert done.code == 0
+    assert done.out.startswith("reward 0")
+    assert done.err.startswith(ONE_LINE)
+    assert done.err.count("\n") == 1
+
+
+def test_a_command_says_it_once(door, capsys):
+    kb = door({OUT: "out(door1) :- Near(door1, X), Robot(X)."})
+
+    def command():
+        for _ in range(2):
+            RewardFunction(kb)(Facts.parse("Door(door1)."))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        run(command)
+    assert capsys.readouterr().err.count("warning: ") == 1
+
+
+def test_other_warnings_of_a_command_stay_as_they_are(capsys):
+    before = warnings.showwarning
+    with pytest.warns(UserWarning, match="something else"):
+        run(lambda: warnings.warn("something else", UserWarning, stacklevel=1))
+    assert capsys.readouterr().err == ""
+    assert warnings.showwarning is before
 
 
 def test_nothing_is_said_of_what_is_well(door):

@@ -4,12 +4,13 @@ import os
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
 from env.evaluation.parallel import cores, in_order
-from sfol.errors import SfolError, UsageError
+from sfol.errors import SfolError, SilentZeroWarning, UsageError, warn_of_silence
 
 ROOT = Path(__file__).parents[3]
 
@@ -22,6 +23,8 @@ def work(job):
         os.kill(os.getpid(), signal.SIGKILL)
     if job == "mistake":
         raise UsageError("this can't be done", name=job, suggestion="do something else")
+    if job == "silent":
+        warn_of_silence("no rule concludes anything")
     return 2 * job
 
 
@@ -29,6 +32,14 @@ def work(job):
 def test_results_come_in_the_order_of_the_jobs(workers):
     assert list(in_order(work, range(5), workers)) == [0, 2, 4, 6, 8]
     assert list(in_order(work, [], workers)) == []
+
+
+def test_what_workers_warn_of_is_heard_once():
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("default")
+        assert len(list(in_order(work, ["silent"] * 4, workers=2))) == 4
+    assert [str(one.message) for one in heard] == ["no rule concludes anything"]
+    assert issubclass(heard[0].category, SilentZeroWarning)
 
 
 def test_a_killed_worker_is_an_error_and_no_hang():

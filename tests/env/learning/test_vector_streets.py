@@ -2,14 +2,16 @@
 
 import os
 import signal
+import warnings
 
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium import spaces
 
-from env.learning.vector_streets import StreetProcesses, _in_one_thread
-from sfol.errors import SfolError, UsageError
+from env.learning.vector_streets import StreetProcesses, _in_worker
+from sfol.errors import SfolError, UsageError, warn_of_silence
 
 
 class Road(gymnasium.Env):
@@ -32,11 +34,11 @@ def no_road():
 
 
 def make_road():
-    return _in_one_thread(Road)
+    return _in_worker(Road, warns=True)
 
 
 def make_no_road():
-    return _in_one_thread(no_road)
+    return _in_worker(no_road, warns=True)
 
 
 def test_a_killed_process_is_an_error_and_no_hang():
@@ -54,3 +56,20 @@ def test_what_a_street_lacks_is_said_here():
     with pytest.raises(UsageError, match="there is no road") as caught:
         StreetProcesses([make_no_road])
     assert caught.value.suggestion == "build one"
+
+
+def silent_road():
+    warn_of_silence("no rule concludes anything")
+    return Road()
+
+
+@pytest.mark.parametrize(
+    ("warns", "said"), [(True, "warning: no rule concludes anything\n"), (False, "")]
+)
+def test_one_worker_warns_for_all(monkeypatch, capsys, warns, said):
+    monkeypatch.setattr(torch, "set_num_threads", lambda number: None)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # it is put back
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        _in_worker(silent_road, warns=warns)
+    assert capsys.readouterr().err == said
