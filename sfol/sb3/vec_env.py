@@ -13,6 +13,7 @@ from sfol.facts import Facts
 from sfol.knowledge_base import ScheduledNumber
 from sfol.observations.plans import Observation
 from sfol.reward import RewardFunction
+from sfol.wrappers.goals import refuse_hindsight
 from sfol.wrappers.judging import Judge, Transition
 from sfol.wrappers.judging_many import ManyJudge, Mask, Reals
 from sfol.wrappers.modes import (
@@ -121,12 +122,7 @@ class VecRuleReward(VecEnvWrapper):
             UsageError: hindsight asks for the rewards of other goals, which the environments would
                 answer with their own.
         """
-        if method_name == "compute_reward":
-            raise UsageError(
-                "hindsight is paid by each environment, and these know nothing of the rules",
-                name=method_name,
-                suggestion="wrap each environment in sfol.wrappers.RuleReward instead",
-            )
+        refuse_hindsight(method_name)
         return super().env_method(method_name, *arguments, **options)
 
     @property

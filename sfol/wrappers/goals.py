@@ -43,6 +43,23 @@ def has_goals(space: gymnasium.Space[Any]) -> bool:
     return isinstance(space, gymnasium.spaces.Dict) and {ACHIEVED, DESIRED} <= space.keys()
 
 
+def refuse_hindsight(method: str) -> None:
+    """Refuse to let environments that know nothing of the rules answer what hindsight asks.
+
+    Args:
+        method: of the environments, that is to be called.
+
+    Raises:
+        UsageError: it is the one for the rewards of other goals.
+    """
+    if method == "compute_reward":
+        raise UsageError(
+            "hindsight is paid by each environment, and these know nothing of the rules",
+            name=method,
+            suggestion="wrap each environment in sfol.wrappers.RuleReward instead",
+        )
+
+
 class Hindsight:
     """Rewards steps by rules with another desired goal than the one that they were taken for.
 

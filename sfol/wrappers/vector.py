@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from sfol.errors import UsageError, expect
 from sfol.observations.plans import Observation
 from sfol.reward import RewardFunction
+from sfol.wrappers.goals import refuse_hindsight
 from sfol.wrappers.judging_many import ManyJudge, Mask, Reals
 from sfol.wrappers.modes import EPISODE, FIRED, EpisodeSums, check_reads, shaping_of
 from sfol.wrappers.nested import replaced, row
@@ -101,6 +102,17 @@ class VectorRuleReward(VectorWrapper):
         self._begins = ended & (self._autoreset is AutoresetMode.NEXT_STEP)
         self._judge.go_on(observations, landed)
         return observations, rewards, terminated, truncated, infos
+
+    def call(self, name: str, *arguments: Any, **options: Any) -> tuple[Any, ...]:
+        """Call a method of the environments; see `gymnasium.vector.SyncVectorEnv.call`.
+
+        Raises:
+            UsageError: hindsight asks for the rewards of other goals, which the environments would
+                answer with their own.
+        """
+        refuse_hindsight(name)
+        called: tuple[Any, ...] = self.env.call(name, *arguments, **options)  # type: ignore[attr-defined]
+        return called
 
     def report_fired(self, *, whether: bool = True) -> None:
         """Say whether ``infos`` get ``sfol.fired``: rule → who had it conclude something (B,)."""

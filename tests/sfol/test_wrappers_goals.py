@@ -10,7 +10,11 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.spaces import Box, Dict  # noqa: E402 (it needs gymnasium)
 
-from sfol.wrappers import RuleReward, Transition  # noqa: E402 (it needs gymnasium)
+from sfol.wrappers import (  # noqa: E402 (it needs gymnasium)
+    RuleReward,
+    Transition,
+    VectorRuleReward,
+)
 
 REACH = """\
 version: 1
@@ -244,6 +248,20 @@ def test_all_rewards_that_hindsight_samples_are_the_rules(load, text):
     replaced = [tuple(goal) not in goals for goal in batch.observations["desired_goal"].tolist()]
     assert sum(replaced) > 40
     assert (abs(given - Plane.compute_reward(achieved, desired, {})) > 0.01).sum() > 60
+
+
+def test_vectorised_environments_do_not_pay_for_other_goals_themselves(load):
+    others = np.zeros(2), np.ones(2), {}
+    native = gymnasium.vector.SyncVectorEnv([Plane, Plane])
+    assert native.call("compute_reward", *others) == (-1.0, -1.0)
+    envs = VectorRuleReward(native, load(REACH))
+    with pytest.raises(UsageError, match="know nothing of the rules") as caught:
+        envs.call("compute_reward", *others)
+    assert "RuleReward" in str(caught.value)
+    envs.reset(seed=0)
+    assert envs.call("time") == (0, 0)
+    ruled = gymnasium.vector.SyncVectorEnv([lambda: RuleReward(Plane(), load(REACH))])
+    assert ruled.call("compute_reward", *others) == (pytest.approx(reaching(*others[:2])),)
 
 
 def test_stable_baselines3_accepts_it(load):
