@@ -16,6 +16,7 @@ from sfol.cli.output import line, stdout
 from sfol.reward import RewardFunction
 from sfol.tools.label import PART_ROWS
 from sfol.tools.label import label as labelled
+from sfol.tools.label_minari import PREFIX
 from sfol.tools.ray_cluster import HELP
 from sfol.tools.texts import visible
 
@@ -23,7 +24,11 @@ from sfol.tools.texts import visible
 @app.command()
 def label(
     data: Annotated[
-        Path, typer.Argument(help="A Parquet file, or a folder of such.", show_default=False)
+        str,
+        typer.Argument(
+            help="A Parquet file, a folder of such, or minari:NAME.",
+            show_default=False,
+        ),
     ],
     rules: Annotated[
         str, typer.Option(help="A file, or a bundled name.", metavar="FILE", show_default=False)
@@ -37,14 +42,16 @@ def label(
     ] = PART_ROWS,
     ray: Annotated[str | None, typer.Option(help=HELP, metavar="ADDRESS")] = None,
 ) -> None:
-    """Label recorded steps in Parquet files with their rewards, terms, weights and confidences.
+    """Label recorded steps with their rewards, terms, weights and confidences.
+
+    They stand in Parquet files, or in a data set of Minari: minari:NAME, or its folder.
 
     The knowledge base must say how facts and signals are read. Rows stream through, so that data
     may be larger than the memory; the same command again goes on where it was stopped.
 
     Example: `sfol label steps.parquet --rules my_rules.yaml`
     """  # fmt: skip
-    target = folder or data.with_name(f"{data.stem}.labelled")
+    target = folder or _beside(data)
     reward = RewardFunction(path_or_name(rules))
     start = time.perf_counter()
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("rows"), TimeRemainingColumn())
@@ -61,3 +68,9 @@ def label(
         f"{visible(target)}: {result.rows} rows in {len(result.parts)} parts; "
         f"{result.new_rows} of them labelled now, {pace:.0f} a second",
     )
+
+
+def _beside(data: str) -> Path:
+    """Return where labels go by default: beside a path, or here if Minari has the data."""
+    where = Path() if data.startswith(PREFIX) else Path(data).parent
+    return where / f"{Path(data).stem.removeprefix(PREFIX)}.labelled"

@@ -156,7 +156,7 @@ KILLED = """\
 def test_who_was_killed_goes_on_without_loss_or_doubles(tmp_path, hall, data):
     folder = tmp_path / "out"
     code = textwrap.dedent(KILLED)
-    batches = "import sfol.tools.label as module; module.BATCH_ROWS = 50\n"
+    batches = "import sfol.tools.label_parquet as module; module.BATCH_ROWS = 50\n"
     killed = subprocess.run(
         [sys.executable, "-c", batches + code, data, folder, tmp_path / "hall.yaml"], check=False
     )
