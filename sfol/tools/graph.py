@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.sax import saxutils
 
+from sfol.facts import TRUE
 from sfol.knowledge_base import KnowledgeBase
 from sfol.literals import Negated
 from sfol.tools.texts import visible
@@ -53,7 +54,8 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
 
     Returns:
         A directed graph of `GraphNode`. A predicate that rules conclude is a ``head``. Edges from a
-        predicate to a rule have ``negated``, those from a head to a weight have ``coefficient``.
+        predicate to a rule have ``negated``, those from a rule to its head ``certainty``, a
+        `Bound`, and those from a head to a weight ``coefficient``.
     """
     import networkx as nx  # noqa: PLC0415  (slow to import, and needed for drawing only)
 
@@ -66,7 +68,7 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
             name = literal.atom.predicate
             source = heads.get(name, GraphNode("predicate", name))
             graph.add_edge(source, node, negated=isinstance(literal, Negated))
-        graph.add_edge(node, heads[rule.clause.head.predicate])
+        graph.add_edge(node, heads[rule.clause.head.predicate], certainty=rule.certainty)
     for name, weight in kb.weights.items():
         graph.add_node(GraphNode("weight", name))
         for head, coefficient in weight.coefficients.items():
@@ -94,11 +96,20 @@ def mermaid(kb: KnowledgeBase) -> str:
             lines += [f"    classDef {kind} fill:{fill},stroke:#888,color:#222"]
             lines += [f"    class {','.join(ids[node] for node in found)} {kind}"]
     for source, target, data in graph.edges(data=True):
-        arrow = "-.->|not|" if data.get("negated") else "-->"
-        if data.get("coefficient", 1.0) != 1.0:
-            arrow = f"-->|{data['coefficient']:g}|"
+        label = "not" if data.get("negated") else _label(data)
+        arrow = ("-.->" if data.get("negated") else "-->") + (f"|{label}|" if label else "")
         lines.append(f"    {ids[source]} {arrow} {ids[target]}")
     return "\n".join(lines) + "\n"
+
+
+def _label(data: Mapping[str, Any]) -> str:
+    """Return what is multiplied along an edge; nothing where that changes nothing."""
+    if data.get("coefficient", 1.0) != 1.0:
+        return f"{data['coefficient']:g}"
+    lower, upper = data.get("certainty", TRUE)
+    if lower == upper == 1.0:
+        return ""
+    return f"certainty {lower:g}" + (f" to {upper:g}" if lower != upper else "")
 
 
 def _quoted(name: str) -> str:
@@ -153,6 +164,11 @@ def svg(kb: KnowledgeBase) -> str:
             *(
                 _line(paths[source, target], layout, negated=data.get("negated", False))
                 for source, target, data in graph.edges(data=True)
+            ),
+            *(
+                _note(paths[source, target], layout, _label(data))
+                for source, target, data in graph.edges(data=True)
+                if _label(data)
             ),
             *(_box(node, layout) for node in graph),
             "</svg>\n",
@@ -264,6 +280,17 @@ def _xml(name: str) -> str:
 def _line(path: _Path, layout: _Layout, *, negated: bool) -> str:
     dashes = ' stroke-dasharray="4 3"' if negated else ""
     return f'<path d="{"".join(_curves(path, layout))}" fill="none" stroke="#999"{dashes}/>'
+
+
+def _note(path: _Path, layout: _Layout, text: str) -> str:
+    """Write on an edge, in the middle of its first curve."""
+    source, target = path[:2]
+    x = (layout.rights[source] + layout.lefts[target]) / 2
+    y = (layout.middles[source] + layout.middles[target]) / 2
+    return (
+        f'<text x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle" font-size="10" fill="#555" '
+        f'stroke="#fff" stroke-width="3" paint-order="stroke">{text}</text>'
+    )
 
 
 def _curves(path: _Path, layout: _Layout) -> Iterator[str]:

@@ -67,6 +67,23 @@ def test_negation_and_coefficients_are_drawn(kitchen):
     assert "-.->|not|" in mermaid(kb)
     assert "-->|0.5|" in mermaid(kb)
     assert "stroke-dasharray" in svg(kb)
+    assert "0.5" in ET.fromstring(svg(kb)).itertext()
+
+
+@pytest.mark.parametrize(
+    ("certainty", "text"),
+    [("0.8", "certainty 0.8"), ("[0.25, 1]", "certainty 0.25 to 1"), ("1.0", "")],
+)
+def test_certainties_are_drawn_where_a_rule_meets_its_head(kitchen, certainty, text):
+    rule = "care: careful(X) :- Person(X), Pot(P), Hot(P), Near(P, X)."
+    entry = rule.replace("care: ", "care:\n    rule: ") + f"\n    certainty: {certainty}"
+    kb = kitchen({rule: entry})
+    edge = GraphNode("rule", "care"), GraphNode("head", "careful")
+    assert dependency_graph(kb).edges[edge] == {"certainty": kb.rules["care"].certainty}
+    lines = [line for line in mermaid(kb).splitlines() if "certainty" in line]
+    assert [re.sub(r"n\d+", "n", line) for line in lines] == [f"    n -->|{text}| n"] * bool(text)
+    drawn = [part for part in ET.fromstring(svg(kb)).itertext() if "certainty" in part]
+    assert drawn == [text] * bool(text)
 
 
 def test_names_cannot_break_the_drawings(kitchen):
