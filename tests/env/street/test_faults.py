@@ -123,7 +123,7 @@ def test_a_reset_that_fails_begins_no_episode(street, monkeypatch):
         raise UsageError("nothing is seen")
 
     with monkeypatch.context() as patch:
-        patch.setattr(street, "_perceive", fail)
+        patch.setattr(type(street._perceive), "__call__", fail)
         with pytest.raises(UsageError, match="nothing is seen"):
             street.reset(seed=2)
     with pytest.raises(ResetNeeded):
