@@ -132,6 +132,7 @@ def operators() -> str:
         for key, named in (
             ("conjunction", sfol.operators.CONJUNCTIONS),
             ("disjunction", sfol.operators.DISJUNCTIONS),
+            ("groundings", sfol.operators.GATHERINGS),
         )
         for operator in named.values()
     ]

@@ -143,8 +143,18 @@ class Backend(Protocol):
         ...
 
     @staticmethod
+    def nth_largest_along(values: Array, axis: int, n: int) -> Array:
+        """Return the n-th largest along an axis, kept with size 1; minus infinity of fewer."""
+        ...
+
+    @staticmethod
     def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
         """Return the sum along some axes, which are kept with size 1."""
+        ...
+
+    @staticmethod
+    def joined_along(values: Sequence[Array], axis: int) -> Array:
+        """Return arrays one after the other along an axis, which share their other axes."""
         ...
 
     @classmethod
@@ -186,6 +196,20 @@ class Backend(Protocol):
 
     def largest_of(self, values: Array, groups: Array, count: int) -> Array:
         """Return the largest of every group, or minus infinity."""
+        ...
+
+    def rows_of(self, values: Array, groups: Array, count: int, absent: float) -> Array:
+        """Return the members of every group in a row of its own, filled up with one value.
+
+        Args:
+            values: real numbers (k,).
+            groups: (k,), the group of each.
+            count: the number of groups, n.
+            absent: what the rows of smaller groups are filled up with.
+
+        Returns:
+            (n, m), m the size of the largest group.
+        """
         ...
 
 
@@ -256,8 +280,19 @@ class _Numpy(Backend):
         return values.max(axis=axis, keepdims=True, initial=-math.inf)
 
     @staticmethod
+    def nth_largest_along(values: Array, axis: int, n: int) -> Array:
+        size = values.shape[axis]
+        if size < n:
+            return np.full_like(values, -math.inf, shape=_with_one(values.shape, axis))
+        return np.partition(values, size - n, axis).take([size - n], axis)
+
+    @staticmethod
     def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
         return values.sum(axis=axes, keepdims=True)
+
+    @staticmethod
+    def joined_along(values: Sequence[Array], axis: int) -> Array:
+        return np.concatenate(values, axis)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -295,6 +330,15 @@ class _Numpy(Backend):
         largest = np.full(count, -np.inf)
         np.maximum.at(largest, groups, values)
         return largest
+
+    def rows_of(self, values: Array, groups: Array, count: int, absent: float) -> Array:
+        order = groups.argsort(kind="stable")
+        sizes = np.bincount(groups, minlength=count)
+        groups = groups[order]
+        places = np.arange(len(groups)) - (sizes.cumsum() - sizes)[groups]
+        rows = np.full((count, sizes.max(initial=0)), absent)
+        rows[groups, places] = values[order]
+        return rows
 
 
 class _Torch(Backend):
@@ -414,12 +458,21 @@ class _Torch(Backend):
     def largest_along(values: Array, axis: int) -> Array:
         if values.shape[axis]:
             return values.amax(axis, keepdim=True)
-        shape = [1 if i == axis else size for i, size in enumerate(values.shape)]
-        return values.new_full(shape, -math.inf)
+        return values.new_full(_with_one(values.shape, axis), -math.inf)
+
+    @staticmethod
+    def nth_largest_along(values: Array, axis: int, n: int) -> Array:
+        if values.shape[axis] < n:
+            return values.new_full(_with_one(values.shape, axis), -math.inf)
+        return values.topk(n, axis).values.narrow(axis, n - 1, 1)
 
     @staticmethod
     def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
         return values.sum(dim=axes, keepdim=True) if axes else values
+
+    @staticmethod
+    def joined_along(values: Sequence[Array], axis: int) -> Array:
+        return sys.modules["torch"].cat(list(values), axis)
 
     @classmethod
     def of(cls, values: Sequence[Array]) -> Backend:
@@ -458,6 +511,21 @@ class _Torch(Backend):
 
     def largest_of(self, values: Array, groups: Array, count: int) -> Array:
         return self.full(count, -math.inf).scatter_reduce(0, groups, values, "amax")
+
+    def rows_of(self, values: Array, groups: Array, count: int, absent: float) -> Array:
+        order = groups.argsort(stable=True)
+        sizes = self._torch.bincount(groups, minlength=count)
+        groups = groups[order]
+        places = self._torch.arange(len(groups), device=self._device)
+        places = places - (sizes.cumsum(0) - sizes)[groups]
+        most = int(sizes.max()) if count else 0
+        rows = self.full(count * most, absent).reshape(count, most)
+        return rows.index_put((groups, places), values[order].to(self._dtype))
+
+
+def _with_one(shape: Sequence[int], axis: int) -> list[int]:
+    """Return a shape in which an axis has size 1."""
+    return [1 if i == axis else size for i, size in enumerate(shape)]
 
 
 # Where several kinds meet, the first of them takes the others in.

@@ -14,7 +14,7 @@ from functools import reduce
 from typing import Any
 
 from sfol import arrays
-from sfol.arrays import Array
+from sfol.arrays import Array, Backend
 from sfol.facts import TRUE, Bound
 
 
@@ -133,6 +133,89 @@ DISJUNCTIONS: Mapping[str, Operator] = {
         ),
     )
 }
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """What several substitutions for one head come to.
+
+    Like an `Operator` it takes lower bounds with lower, upper with upper, and is monotone: neither
+    a greater bound nor a further substitution lowers what it gives.
+
+    Attributes:
+        name: as the key `groundings` names it.
+        formula: of the numbers to which the substitutions come.
+        source: where it is defined.
+        combine: the function itself, of as many numbers as are needed, or more.
+        along: the same along an axis of an array, which is kept with size 1.
+        absent: what stands in that array for a substitution that does not hold.
+        needed: how many substitutions there have to be.
+    """
+
+    name: str
+    formula: str
+    source: str
+    combine: Callable[[Sequence[float]], float]
+    along: Callable[[Backend, Array, int], Array]
+    absent: float = 0.0
+    needed: int = 1
+
+    def __call__(self, bounds: Sequence[Bound]) -> Bound:
+        """Return what the bounds of substitutions come to; there must be as many as are needed."""
+        lowers, uppers = zip(*bounds, strict=True)
+        return Bound(self.combine(lowers), self.combine(uppers))
+
+
+def _probabilistic_sum_along(backend: Backend, values: Array, axis: int) -> Array:
+    """Combine halves with each other until one is left: as many steps as its length has digits."""
+    before = (slice(None),) * axis
+    while (size := values.shape[axis]) > 1:
+        half = size // 2
+        first, second = values[(*before, slice(half))], values[(*before, slice(half, 2 * half))]
+        both = _probabilistic_pair(first, second)
+        rest = [values[(*before, slice(2 * half, size))]] if size % 2 else []
+        values = backend.joined_along([both, *rest], axis) if rest else both
+    return values if size else backend.sum_along(values, (axis,))
+
+
+def nth_greatest(number: int) -> Gathering:
+    """Return what gives the n-th greatest number, of n or more."""
+    return Gathering(
+        "best" if number == 1 else f"greatest {number}",
+        "max xᵢ" if number == 1 else f"the {number}-th greatest xᵢ",
+        "Gödel t-conorm" if number == 1 else "the n-th order statistic from above",
+        max if number == 1 else lambda values: sorted(values)[-number],
+        lambda backend, values, axis: backend.nth_largest_along(values, axis, number),
+        absent=-math.inf,
+        needed=number,
+    )
+
+
+BEST = nth_greatest(1)
+# What `groundings` may say besides `pooled`, which combines atoms and not substitutions.
+GATHERINGS: Mapping[str, Gathering] = {
+    entry.name: entry
+    for entry in (
+        BEST,
+        Gathering(
+            "sum",
+            "min(1, Σ xᵢ)",
+            "Łukasiewicz t-conorm, bounded sum",
+            lambda values: min(1.0, math.fsum(values)),
+            lambda backend, values, axis: backend.minimum(backend.sum_along(values, (axis,)), 1.0),
+        ),
+        Gathering(
+            "probabilistic_sum",
+            "1 − Π (1 − xᵢ)",
+            "product t-conorm: as if the substitutions were independent of each other",
+            _probabilistic_sum,
+            _probabilistic_sum_along,
+        ),
+    )
+}
+POOLED = "pooled"
+GROUNDINGS = (POOLED, *GATHERINGS)
+
 
 # τ̂ from a bound's lower and upper end, for numbers and arrays.
 CONFIDENCES: Mapping[str, Callable[[Any, Any], Any]] = {

@@ -16,7 +16,7 @@ from sfol.arrays import Array, Backend
 from sfol.engines.batch import Batch, Groundings, Patterns, Stratum
 from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import Semantics
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, Operator
+from sfol.operators import BEST, CONJUNCTIONS, DISJUNCTIONS, Gathering, Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class _Evaluation:
         semantics: Semantics = batch.program.knowledge_base.semantics
         self._conjunction: Operator = CONJUNCTIONS[semantics.conjunction]
         self._disjunction: Operator = DISJUNCTIONS[semantics.disjunction]
-        self._pools = semantics.pools
+        self._gathers = batch.program.gathers
         self._batch = batch
         self.backend = backend
         self._lower = backend.real(batch.lower)
@@ -144,8 +144,14 @@ class _Evaluation:
         """Return what one rule concludes."""
         # Chosen here: a bound method kept in self would be a cycle, which keeps its arrays alive
         # until the garbage collector comes by.
-        gather = self._pooled if self._pools else self._best
-        return gather(rule, heads).times(rule.rule.certainty)
+        gathering = self._gathers[rule.rule.name]
+        if gathering is None:
+            bounds = self._pooled(rule, heads)
+        elif gathering is BEST:
+            bounds = self._best(rule, heads)
+        else:
+            bounds = self._gathered(rule, heads, gathering)
+        return bounds.times(rule.rule.certainty)
 
     def _satisfying(self, rule: Groundings) -> Array:
         """Tell which substitutions satisfy the body."""
@@ -173,22 +179,37 @@ class _Evaluation:
 
     def _best(self, rule: Groundings, heads: int) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
-        backend = self.backend
-        satisfies = self._satisfying(rule)
-        groups = backend.array(rule.heads)[satisfies]
-        bounds = [
-            literal.batch_bounds(self, backend.array(rows)[satisfies])
-            for literal, rows in zip(rule.literals, rule.rows, strict=True)
-        ]
+        backend, (groups, ends) = self.backend, self._combined(rule)
         known = backend.count_of(groups, heads) > 0.0
-        ends = (
-            self._conjunction.elementwise([lower for lower, _ in bounds]),
-            self._conjunction.elementwise([upper for _, upper in bounds]),
-        )
         lower, upper = (
             backend.where(known, backend.largest_of(end, groups, heads), 0.0) for end in ends
         )
         return Bounds(lower, upper, known)
+
+    def _gathered(self, rule: Groundings, heads: int, gathering: Gathering) -> Bounds:
+        """Combine per substitution, then let a gathering make one of all of a head."""
+        backend, (groups, ends) = self.backend, self._combined(rule)
+        known = backend.count_of(groups, heads) >= gathering.needed
+        rows = (backend.rows_of(end, groups, heads, gathering.absent) for end in ends)
+        lower, upper = (
+            backend.where(known, gathering.along(backend, row, 1).reshape(heads), 0.0)
+            for row in rows
+        )
+        return Bounds(lower, upper, known)
+
+    def _combined(self, rule: Groundings) -> tuple[Array, tuple[Array, Array]]:
+        """Return of the substitutions that satisfy a body their heads, and what each comes to."""
+        backend = self.backend
+        satisfies = self._satisfying(rule)
+        bounds = [
+            literal.batch_bounds(self, backend.array(rows)[satisfies])
+            for literal, rows in zip(rule.literals, rule.rows, strict=True)
+        ]
+        ends = (
+            self._conjunction.elementwise([lower for lower, _ in bounds]),
+            self._conjunction.elementwise([upper for _, upper in bounds]),
+        )
+        return backend.array(rule.heads)[satisfies], ends
 
     def _either(self, disjuncts: Sequence[Bounds]) -> Bounds:
         """Combine rules that share a head; what is unknown is 0, which changes no disjunction."""

@@ -15,7 +15,17 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Search
 from sfol.literals.search import WORK_LIMIT, Constants
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, with_certainty
+from sfol.operators import (
+    BEST,
+    CONJUNCTIONS,
+    DISJUNCTIONS,
+    GATHERINGS,
+    POOLED,
+    Gathering,
+    Operator,
+    times,
+    with_certainty,
+)
 from sfol.syntax import Atom, variables
 
 _Conjunction = Callable[[Iterable[Bound]], Bound]  # of a rule: its certainty is part of it
@@ -40,17 +50,15 @@ class CompiledEngine:
             name: with_certainty(CONJUNCTIONS[kb.semantics.conjunction], rule.certainty)
             for name, rule in kb.rules.items()
         }
-        pools = kb.semantics.pools
         self._gatherers: dict[str, _Gatherer] = {
-            name: partial(_Pool if pools else _Best, conjunction)
-            for name, conjunction in self._conjunctions.items()
+            name: _gatherer(kb, rule, self._conjunctions[name]) for name, rule in kb.rules.items()
         }
         # To try all values of more than two variables takes longer than a search, which has a
         # limit.
         self._tried = frozenset(
             name
             for name, rule in kb.rules.items()
-            if pools and len(variables(*rule.clause.head.arguments)) <= 2
+            if kb.gathers(rule) == POOLED and len(variables(*rule.clause.head.arguments)) <= 2
         )
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
@@ -79,7 +87,7 @@ class CompiledEngine:
         """Return what one rule alone concludes: arguments of its head → bound."""
         if plan.branches and rule.name in self._tried:
             return dict(self._pooled_bounds(rule, tables))
-        gathered: dict[Constants, _Pool | _Best] = {}
+        gathered: dict[Constants, _Pool | _Best | _Gathered] = {}
         head_of = plan.reader(rule.clause.head)
         gatherer = self._gatherers[rule.name]
 
@@ -90,7 +98,7 @@ class CompiledEngine:
             gathered[head].add(search)
 
         plan.search(tables, visit)
-        return {head: found.bound() for head, found in gathered.items()}
+        return {head: found.bound() for head, found in gathered.items() if found}
 
     def _pooled_bounds(self, rule: Rule, tables: Tables) -> Iterator[tuple[Constants, Bound]]:
         """Yield what `rule_bounds` returns, without a walk through all substitutions."""
@@ -225,7 +233,48 @@ class _Best:
         return Bound(max(left.lower, right.lower), max(left.upper, right.upper))
 
 
-_Gatherer = Callable[[], _Pool | _Best]
+class _Gathered:
+    """Each substitution's literals combined, then what a gathering makes of all of these."""
+
+    __slots__ = ("_bounds", "_certainty", "_conjunction", "_gathering")
+
+    def __init__(self, conjunction: Operator, gathering: Gathering, certainty: Bound) -> None:
+        self._conjunction = conjunction
+        self._gathering = gathering
+        self._certainty = certainty
+        self._bounds: list[Bound] = []
+
+    def search(self, plan: Plan, tables: Tables, given: Sequence[str]) -> None:
+        plan.search(tables, self.add, given)
+
+    def add(self, search: Search) -> None:
+        self._bounds.append(self._conjunction(search.bounds))
+
+    def __bool__(self) -> bool:
+        return len(self._bounds) >= self._gathering.needed
+
+    def bound(self) -> Bound:
+        return times(self._gathering(self._bounds), self._certainty)
+
+
+_Gatherer = Callable[[], _Pool | _Best | _Gathered]
+
+
+def _gatherer(kb: KnowledgeBase, rule: Rule, conjunction: _Conjunction) -> _Gatherer:
+    """Return what makes the gatherer of a rule's substitutions.
+
+    Args:
+        kb: the knowledge base.
+        rule: the rule.
+        conjunction: its conjunction, with its certainty.
+    """
+    gathers = kb.gathers(rule)
+    if gathers == POOLED:
+        return partial(_Pool, conjunction)
+    if gathers == BEST.name:
+        return partial(_Best, conjunction)
+    plain = CONJUNCTIONS[kb.semantics.conjunction]
+    return partial(_Gathered, plain, GATHERINGS[gathers], rule.certainty)
 
 
 class _Derived(Mapping[Atom, Bound]):

@@ -12,6 +12,7 @@ It gives what the compiled engine gives scene by scene.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from sfol.engines.program import Program
 from sfol.errors import WorkLimitError
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import AtomLiteral, Literal
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS
+from sfol.operators import BEST, CONJUNCTIONS, DISJUNCTIONS, Gathering
 from sfol.syntax import ANONYMOUS, is_variable, variables
 
 Axes = tuple[str, ...]  # the domain of each argument
@@ -256,6 +257,8 @@ class DenseProgram:
             factors = [*(o.names for o in operands), *(names for _, names in named)]
             needed = {*kept, frozenset(variables(*head.arguments))}
             targets = needed if keep is None else {keep}
+            if keep is None and self.program.gathers[rule.name] not in (None, BEST):
+                factors = [frozenset(order)]  # each substitution is needed by itself
             yield _Typed(
                 rule,
                 order,
@@ -331,7 +334,7 @@ class _Evaluation:
         semantics = program.program.knowledge_base.semantics
         self._conjunction = CONJUNCTIONS[semantics.conjunction]
         self._disjunction = DISJUNCTIONS[semantics.disjunction]
-        self._pools = semantics.pools
+        self._gathers = program.program.gathers
         self._places = program.domains.places
         self._sizes = sizes
         self._offsets = offsets
@@ -361,8 +364,7 @@ class _Evaluation:
         for typed in rules:
             for axes in dict.fromkeys(rule.axes for rule in typed):
                 same = [rule for rule in typed if rule.axes == axes]
-                bounds = self._pooled(same) if self._pools else self._best(same)
-                bounds = bounds.times(same[0].rule.certainty)
+                bounds = self._concluded(same).times(same[0].rule.certainty)
                 disjuncts.setdefault(axes, []).append(self._as_block(bounds, same[0]))
         for axes, found in disjuncts.items():
             asserted = self.blocks.get((head, axes))
@@ -379,6 +381,13 @@ class _Evaluation:
         return found
 
     # -- a rule -------------------------------------------------------------------------------
+
+    def _concluded(self, typed: Sequence[_Typed]) -> Bounds:
+        """Return what one rule concludes, with all domains that its variables can have."""
+        gathering = self._gathers[typed[0].rule.name]
+        if gathering is None:
+            return self._pooled(typed)
+        return self._best(typed) if gathering is BEST else self._gathered(typed, gathering)
 
     def _pooled(self, typed: Sequence[_Typed]) -> Bounds:
         """Combine each literal's distinct atoms, all together."""
@@ -460,6 +469,51 @@ class _Evaluation:
             eliminated(ends, order, conjunction.pair, largest) for ends in (lowers, uppers)
         )
         return Bounds(lower, upper, known)
+
+    def _gathered(self, typed: Sequence[_Typed], gathering: Gathering) -> Bounds:
+        """Combine per substitution, then let a gathering make one of all of a head."""
+        backend, names = self.backend, typed[0].head_names
+        columns = [self._column(rule, gathering.absent) for rule in typed]
+        heads = [self._sizes[typed[0].types[name]] for name in typed[0].order if name in names]
+        scenes = max(column.known.shape[-1] for column in columns)
+
+        def joined(values: Iterable[Array]) -> Array:
+            parts = [backend.broadcast(v, (*heads, v.shape[-2], scenes)) for v in values]
+            return backend.joined_along(parts, len(heads))
+
+        def spread(values: Array) -> Array:
+            rest = len(typed[0].order) - len(heads)
+            return values.reshape(*heads, *(1,) * rest, values.shape[-1])
+
+        holds = joined(column.known for column in columns)
+        counted = backend.sum_along(backend.real(holds), (len(heads),))
+        known = spread(counted >= gathering.needed)
+        lower, upper = (
+            backend.where(known, spread(gathering.along(backend, joined(ends), len(heads))), 0.0)
+            for ends in ((c.lower for c in columns), (c.upper for c in columns))
+        )
+        return Bounds(lower, upper, known)
+
+    def _column(self, rule: _Typed, absent: float) -> Bounds:
+        """Return what each substitution comes to: the axes of the head, one for all others."""
+        backend = self.backend
+        holds = reduce(operator.and_, (mask for _, mask in self._factors(rule)))
+        ends = zip(*(self._bounds(rule, operand) for operand in rule.operands), strict=True)
+        sizes = [self._sizes[rule.types[name]] for name in rule.order]
+        inner = math.prod(
+            s for s, n in zip(sizes, rule.order, strict=True) if n not in rule.head_names
+        )
+
+        def column(values: Array) -> Array:
+            scenes = values.shape[-1]
+            heads = [s for s, n in zip(sizes, rule.order, strict=True) if n in rule.head_names]
+            return backend.broadcast(values, (*sizes, scenes)).reshape(*heads, inner, scenes)
+
+        lower, upper = (
+            column(backend.where(holds, self._conjunction.elementwise(values), absent))
+            for values in ends
+        )
+        return Bounds(lower, upper, column(holds))
 
     def _any(self, rule: _Typed) -> Any:
         return lambda name, mask: self.backend.any_along(mask, rule.order.index(name))

@@ -244,6 +244,23 @@ class _Lanes(arrays.Backend):
         return Recorded(values.tape, np.expand_dims(largest.ids, axis))
 
     @staticmethod
+    def nth_largest_along(values: Array, axis: int, n: int) -> Array:
+        """Keep the n largest in order, and let each further one sink to its place among them."""
+        parts = [Recorded(values.tape, part) for part in np.moveaxis(values.ids, axis, 0)]
+        lowest = values.tape.constant(-math.inf)
+        shape = np.delete(values.ids.shape, axis)
+        kept = [Recorded(values.tape, np.full(shape, lowest, dtype=np.intp)) for _ in range(n)]
+        for part in parts:
+            for place, other in enumerate(kept):
+                kept[place] = Recorded.tape_of("maximum", other, part)
+                part = Recorded.tape_of("minimum", other, part)  # noqa: PLW2901
+        return Recorded(values.tape, np.expand_dims(kept[-1].ids, axis))
+
+    @staticmethod
+    def joined_along(values: Sequence[Array], axis: int) -> Array:
+        return Recorded(values[0].tape, np.concatenate([value.ids for value in values], axis))
+
+    @staticmethod
     def sum_along(values: Array, axes: tuple[int, ...]) -> Array:
         for axis in axes:
             values = Recorded(values.tape, np.expand_dims(values.sum(axis).ids, axis))
@@ -276,6 +293,9 @@ class _Lanes(arrays.Backend):
         raise NotRecordableError
 
     def largest_of(self, values: Array, groups: Array, count: int) -> NoReturn:
+        raise NotRecordableError
+
+    def rows_of(self, values: Array, groups: Array, count: int, absent: float) -> NoReturn:
         raise NotRecordableError
 
     def full(self, count: int, value: float | bool) -> Array:

@@ -18,6 +18,7 @@ from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.literals import Criterion
 from sfol.literals.search import WORK_LIMIT
+from sfol.operators import GATHERINGS, Gathering
 from sfol.syntax import Atom, variables
 
 
@@ -33,6 +34,8 @@ class Program:
             the subject.
         read_heads: heads that some body or condition reads, for whichever entity.
         arities: predicate → its number of arguments.
+        gathers: rule → what makes one of its substitutions for one head; None where their atoms are
+            pooled.
         work_limit: how many known atoms the search of a body may look at.
     """
 
@@ -42,6 +45,7 @@ class Program:
     subject_heads: Mapping[str, Atom]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
+    gathers: Mapping[str, Gathering | None]
     work_limit: int
     _head_plans: dict[str, Plan] = field(default_factory=dict, repr=False, compare=False)
 
@@ -69,6 +73,7 @@ class Program:
             },
             read_heads=kb.read.intersection(heads),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
+            gathers={rule.name: GATHERINGS.get(kb.gathers(rule)) for rule in rules},
             work_limit=work_limit,
         )
 

@@ -49,7 +49,7 @@ from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Literal, QueryClause
 from sfol.literals.search import WORK_LIMIT, Constants, Rows
-from sfol.operators import DISJUNCTIONS, times
+from sfol.operators import BEST, DISJUNCTIONS, POOLED, times
 from sfol.syntax import Atom, is_variable, variables
 
 _IS = "is."
@@ -78,6 +78,7 @@ class PyReasonEngine:
         import sfol.engines.pyreason_runtime  # noqa: F401, PLC0415  (fail at once, not later)
 
         _check_names(kb)
+        _check_groundings(kb)
         self._compiled = CompiledEngine(kb, work_limit)
         self.program = self._compiled.program
         self.grounded_for_pyreason = frozenset(
@@ -166,7 +167,8 @@ class PyReasonEngine:
     def _queries(self, rule: Rule, scene: _Scene) -> Iterator[Query]:
         body = _query_body(rule)
         semantics = self._kb.semantics
-        conjunction = f"{'' if semantics.pools else 'best_'}{semantics.conjunction}"
+        pools = self._kb.gathers(rule) == POOLED
+        conjunction = f"{'' if pools else 'best_'}{semantics.conjunction}"
         name = f"{rule.clause.head.predicate}.{self._numbers[rule.name]}"
         for values in _head_values(rule, body, scene):
             head = Atom(name, _replaced(rule.clause.head.arguments, values))
@@ -174,12 +176,12 @@ class PyReasonEngine:
             if rule.name not in self.grounded_for_pyreason:
                 yield Query(rule.name, head, _without_cycles(ground), conjunction)
                 continue
-            for number, found in enumerate(self._grounded(ground, scene)):
+            for number, found in enumerate(self._grounded(ground, scene, pools=pools)):
                 part = Atom(f"{name}.{number}", head.arguments)
                 yield Query(rule.name, part, found, conjunction)
 
     def _grounded(
-        self, body: Sequence[QueryClause], scene: _Scene
+        self, body: Sequence[QueryClause], scene: _Scene, *, pools: bool
     ) -> list[tuple[QueryClause, ...]]:
         """Return ground bodies: one for each substitution, or where they are pooled a single one.
 
@@ -191,7 +193,7 @@ class PyReasonEngine:
             tuple(clause._replace(terms=_replaced(clause.terms, values)) for clause in body)
             for values in joined(relations, constants)
         ]
-        if self._kb.semantics.pools and bodies:
+        if pools and bodies:
             columns = zip(*bodies, strict=True)
             bodies = [tuple(atom for column in columns for atom in dict.fromkeys(column))]
         return [_singles_first(ground) for ground in bodies]
@@ -398,4 +400,14 @@ def _check_names(kb: KnowledgeBase) -> None:
                 "quantifier",
                 name=name,
                 suggestion="rename it, or use engine='compiled'",
+            )
+
+
+def _check_groundings(kb: KnowledgeBase) -> None:
+    for rule in kb.rules.values():
+        if (gathers := kb.gathers(rule)) not in (POOLED, BEST.name):
+            raise KnowledgeBaseError(
+                f"PyReason can't express the groundings '{gathers}' of the rule '{rule.entry}'",
+                name=gathers,
+                suggestion="use engine='compiled'",
             )

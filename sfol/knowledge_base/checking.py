@@ -33,7 +33,7 @@ from sfol.knowledge_base.parts import (
 )
 from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.knowledge_base.schedules import checked_schedules
-from sfol.operators import CONJUNCTIONS
+from sfol.operators import CONJUNCTIONS, POOLED
 from sfol.syntax import (
     Atom,
     is_constant,
@@ -184,6 +184,7 @@ class _Checker:
                 entry.threshold,
                 entry.negation_threshold,
                 certainty,
+                entry.groundings,
                 written if several else None,
             )
 
@@ -384,14 +385,21 @@ class _Checker:
 
     def _check_semantics(self) -> None:
         semantics = self._file.semantics
+        if CONJUNCTIONS[semantics.conjunction].pooled is not None:
+            return
         pooling = " and ".join(f"'{name}'" for name, c in CONJUNCTIONS.items() if c.pooled)
-        if semantics.pools and CONJUNCTIONS[semantics.conjunction].pooled is None:
-            self._reporter.report(
-                ("semantics", "groundings"),
-                f"'pooled' is defined for {pooling}, not for '{semantics.conjunction}'",
-                "pooled",
-                "write groundings: best",
-            )
+        rules = (("rules", name, "groundings") for name in self._file.rules)
+        for path, groundings in (
+            (("semantics", "groundings"), semantics.groundings),
+            *zip(rules, (entry.groundings for entry in self._file.rules.values()), strict=True),
+        ):
+            if groundings == POOLED:
+                self._reporter.report(
+                    path,
+                    f"'pooled' is defined for {pooling}, not for '{semantics.conjunction}'",
+                    POOLED,
+                    "write groundings: best",
+                )
 
     def _check_signals(self) -> None:
         for name, signal in self._file.signals.items():

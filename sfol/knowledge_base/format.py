@@ -18,7 +18,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from sfol.facts import DEFAULT_MARGIN
-from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
+from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GROUNDINGS, POOLED
 
 FORMAT_VERSION = 1
 
@@ -62,6 +62,9 @@ class RuleEntry(_Section):
         1.0,
         description="What the bound of the body is multiplied by: a number, or [lower, upper].",
     )
+    groundings: Annotated[str, _OneOf(GROUNDINGS)] | None = Field(
+        None, description="What several substitutions come to; what `semantics` says by default."
+    )
 
 
 class Semantics(_Section):
@@ -70,10 +73,11 @@ class Semantics(_Section):
     conjunction: Annotated[str, _OneOf(CONJUNCTIONS)] = Field(
         "average", description="Combines the bounds of a body's literals."
     )
-    groundings: Literal["pooled", "best"] | None = Field(
+    groundings: Annotated[str, _OneOf(GROUNDINGS)] | None = Field(
         None,
         description="Several substitutions for one head: `pooled` averages over their distinct "
-        "atoms (default for average, and defined for it only), `best` takes the best one.",
+        "atoms (default for average, and defined for it only), `best` takes the best one, `sum` "
+        "and `probabilistic_sum` let each further one add to it.",
     )
     disjunction: Annotated[str, _OneOf(DISJUNCTIONS)] = Field(
         "maximum", description="Combines several rules with one head."
@@ -83,11 +87,10 @@ class Semantics(_Section):
     )
 
     @property
-    def pools(self) -> bool:
-        """Whether substitutions are pooled; the default depends on the conjunction."""
-        if self.groundings is None:
-            return CONJUNCTIONS[self.conjunction].pooled is not None
-        return self.groundings == "pooled"
+    def gathers(self) -> str:
+        """What several substitutions come to; the default depends on the conjunction."""
+        pools = CONJUNCTIONS[self.conjunction].pooled is not None
+        return self.groundings or (POOLED if pools else BEST.name)
 
 
 def _as_text(value: Any) -> Any:

@@ -17,6 +17,7 @@ from sfol.knowledge_base.checking import check
 from sfol.knowledge_base.format import KnowledgeBaseFile
 from sfol.knowledge_base.loading import load
 from sfol.knowledge_base.parts import Parts, Predicate, Rule, ScheduledNumber
+from sfol.operators import POOLED
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -111,6 +112,10 @@ class KnowledgeBase(Parts):
         bodies += [condition.when for condition in self.entity_weights]
         return frozenset().union(*(body.predicates for body in bodies))
 
+    def gathers(self, rule: Rule) -> str:
+        """Return what several substitutions of a rule come to: its own `groundings`, or all's."""
+        return rule.groundings or self.semantics.gathers
+
     @property
     def hash(self) -> str:
         """A digest of everything that can change a reward or a descriptor, 64 hex digits.
@@ -123,7 +128,10 @@ class KnowledgeBase(Parts):
             "subject": self.subject,
             "background": sorted(map(str, self.background)),
             "rules": {name: _meaning_of(rule) for name, rule in self.rules.items()},
-            "semantics": [*self.semantics.model_dump().values(), self.semantics.pools],
+            "semantics": [
+                *self.semantics.model_dump().values(),
+                self.semantics.gathers == POOLED,
+            ],
             "signals": {name: signal.default for name, signal in self.signals.items()},
             "weights": {
                 name: [
@@ -234,6 +242,7 @@ class KnowledgeBase(Parts):
 
 
 def _meaning_of(rule: Rule) -> list[Any]:
-    """Return what a rule says, for the digest; what is certain has no certainty there."""
+    """Return what a rule says, for the digest; what it leaves to defaults is no part of it."""
     certainty = [] if rule.certainty == TRUE else [list(rule.certainty)]
-    return [str(rule.clause), rule.threshold, rule.negation_threshold, *certainty]
+    groundings = [] if rule.groundings is None else [rule.groundings]
+    return [str(rule.clause), rule.threshold, rule.negation_threshold, *certainty, *groundings]

@@ -52,6 +52,7 @@ class Rule:
         threshold: least lower bound of a positive literal.
         negation_threshold: least lower bound, 1 − u, of a negated literal.
         certainty: what the bound of the body is multiplied by, lower with lower, upper with upper.
+        groundings: what several substitutions come to; None stands for what `semantics` says.
         part_of: the rule as it is written, if its body has ``or`` or ``implies``: each way in which
             that can hold is a rule, a part, called ``safe2.1``, ``safe2.2`` and so on.
     """
@@ -62,6 +63,7 @@ class Rule:
     threshold: float = 0.0
     negation_threshold: float = 0.5
     certainty: Bound = TRUE
+    groundings: str | None = None
     part_of: WrittenRule | None = None
 
     @property

@@ -114,8 +114,15 @@ def _rule(rule: Rule, text: str) -> str | dict[str, Any]:
             "threshold": rule.threshold,
             "negation_threshold": rule.negation_threshold,
             "certainty": rule.certainty_entry,
+            "groundings": rule.groundings,
         },
-        {"description": "", "threshold": 0.0, "negation_threshold": 0.5, "certainty": 1.0},
+        {
+            "description": "",
+            "threshold": 0.0,
+            "negation_threshold": 0.5,
+            "certainty": 1.0,
+            "groundings": None,
+        },
     )
     return entry if len(entry) > 1 else text
 

@@ -16,12 +16,11 @@ from sfol.knowledge_base.parts import Rule
 def summary_table(kb: KnowledgeBase) -> Group:
     """Return a knowledge base as tables: rules, weights, terms, signals, and what it is."""
     semantics = kb.semantics
-    pooling = "pooled" if semantics.pools else "best"
     return Group(
         f"[bold]{escape(kb.name)}[/] {escape(kb.description.strip())}",
         f"[dim]subject {kb.subject} · {len(kb.declared)} predicates · {len(kb.tests)} tests · "
         f"hash {kb.hash[:12]}[/]",
-        f"[dim]conjunction {semantics.conjunction} · groundings {pooling} · disjunction "
+        f"[dim]conjunction {semantics.conjunction} · groundings {semantics.gathers} · disjunction "
         f"{semantics.disjunction} · confidence {semantics.confidence}[/]",
         _table(
             "Rules",
@@ -122,7 +121,8 @@ def _table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) ->
 
 def _clause(rule: Rule) -> str:
     weakened = "" if rule.certainty == TRUE else f"  certainty {rule.certainty_entry}"
-    return f"{rule.part_of or rule.clause}{weakened}"
+    gathered = "" if rule.groundings is None else f"  groundings {rule.groundings}"
+    return f"{rule.part_of or rule.clause}{weakened}{gathered}"
 
 
 def _sum(coefficients: Mapping[str, float]) -> str:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from random import Random
 from typing import cast
 
@@ -25,6 +26,7 @@ from sfol.clauses import parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
+from sfol.operators import POOLED
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 from sfol.syntax import Atom, is_variable
@@ -69,10 +71,11 @@ def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random
 
 
 def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> None:
-    """With `groundings: best` and no negation, one more fact lowers no bound."""
+    """Where nothing is pooled or negated, one more fact lowers no bound."""
     kb = reward.kb
     monotone = all(lit.monotone for r in kb.rules.values() for lit in r.clause.body.literals)
-    if kb.semantics.pools or not monotone or not kb.predicates:
+    pools = any(kb.gathers(rule) == POOLED for rule in kb.rules.values())
+    if pools or not monotone or not kb.predicates:
         return
     entities = (*facts.entities(), kb.subject, "stranger")
     atom = _some_atom(kb, random.choice(list(kb.predicates)), entities, random)
@@ -123,6 +126,33 @@ def certainty_multiplies(reward: RewardFunction, facts: Facts, random: Random) -
     expected = {atom: _half(bound) for atom, bound in before.items() if atom not in asserted}
     found = {atom: b for atom, b in _of(after, head).items() if atom not in asserted}
     assert_same(expected, found)
+
+
+def the_more_the_surer(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """The best of several substitutions says no more than their probabilistic sum, it than the sum.
+
+    Of a head that nothing reads, with `disjunction: maximum`: more may lower what reads it.
+    """
+    kb = reward.kb
+    unread = [head for head in kb.heads if head not in kb.read]
+    if kb.semantics.disjunction != "maximum" or not unread:
+        return
+    head = random.choice(unread)
+    found = []
+    for groundings in ("best", "probabilistic_sum", "sum"):
+        rules = {
+            name: rule
+            if rule.clause.head.predicate != head
+            else dataclasses.replace(rule, groundings=groundings)
+            for name, rule in kb.rules.items()
+        }
+        engine = _like(reward.engine, dataclasses.replace(kb, rules=rules))
+        found.append(_of(engine.conclude(facts).derived, head))
+    for fewer, more in pairwise(found):
+        assert fewer.keys() == more.keys()
+        for atom, bound in fewer.items():
+            assert bound.lower <= more[atom].lower + TOLERANCE, atom
+            assert bound.upper <= more[atom].upper + TOLERANCE, atom
 
 
 def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, random: Random) -> None:
@@ -182,6 +212,7 @@ LAWS: Sequence[Law] = (
     best_is_monotone,
     of_several_rules_the_greatest_counts,
     certainty_multiplies,
+    the_more_the_surer,
     heads_that_did_not_fire_are_zero,
     printed_rules_are_the_rules,
     the_reward_is_the_sum_of_its_terms,

@@ -119,11 +119,15 @@ def _naive_rule(
         if _satisfies(rule, substitution, known):
             head = _grounded(rule.clause.head, substitution)
             satisfying.setdefault(head, []).append(substitution)
-    groundings = kb.semantics.groundings
+    groundings = rule.groundings or kb.semantics.groundings
     if groundings is None:
         groundings = "pooled" if kb.semantics.conjunction == "average" else "best"
-    combine = _naive_pooled if groundings == "pooled" else _naive_best
-    bounds = {head: combine(kb, rule, found, known) for head, found in satisfying.items()}
+    bounds = {
+        head: _naive_pooled(kb, rule, found, known)
+        if groundings == "pooled"
+        else _combined(_GATHERINGS[groundings], _naive_single(kb, rule, found, known))
+        for head, found in satisfying.items()
+    }
     # The certainty of a rule multiplies what its body comes to.
     lower, upper = rule.certainty
     return {head: Bound(lower * b.lower, upper * b.upper) for head, b in bounds.items()}
@@ -211,15 +215,15 @@ def _naive_pooled(
     return _conjunction(kb, pool)
 
 
-def _naive_best(
+def _naive_single(
     kb: KnowledgeBase, rule: Rule, found: Sequence[Substitution], known: Known
-) -> Bound:
-    # Combine per substitution, then take the maximum of lowers and of uppers.
+) -> list[Bound]:
+    # Combine per substitution; best, sum and probabilistic_sum make one bound of all of these.
     single = []
     for substitution in found:
         bounds = [_literal_bound(lit, substitution, known) for lit in _literals(rule)]
         single.append(_conjunction(kb, [bound for bound in bounds if bound is not None]))
-    return Bound(max(bound.lower for bound in single), max(bound.upper for bound in single))
+    return single
 
 
 def _conjunction(kb: KnowledgeBase, bounds: Sequence[Bound]) -> Bound:
@@ -240,6 +244,11 @@ _CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "minimum": min,
     "product": math.prod,
     "lukasiewicz": lambda values: max(0.0, math.fsum(values) - (len(values) - 1)),
+}
+_GATHERINGS: Mapping[str, Callable[[Sequence[float]], float]] = {
+    "best": max,
+    "sum": lambda values: min(1.0, math.fsum(values)),
+    "probabilistic_sum": lambda values: 1.0 - math.prod(1.0 - value for value in values),
 }
 _DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "maximum": max,

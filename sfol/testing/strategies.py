@@ -21,7 +21,7 @@ from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.literals import Literal, Negated, NotEqual, Positive
-from sfol.operators import CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS
+from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
 from sfol.syntax import ANONYMOUS, Atom, variables
 
 try:
@@ -163,7 +163,7 @@ def _choices(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> 
 
 
 @st.composite
-def _rules(draw: st.DrawFn, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+def _rules(draw: st.DrawFn, names: Sequence[str], *, plain: bool) -> dict[str, dict[str, Any]]:
     heads_of = [name for name in names if name in [*_PREDICATES][_BASE:]]
     heads = draw(st.lists(st.sampled_from(heads_of), min_size=1, max_size=6))
     return {
@@ -172,15 +172,22 @@ def _rules(draw: st.DrawFn, names: Sequence[str]) -> dict[str, dict[str, Any]]:
             "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
             "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
             "certainty": draw(_mostly(1.0, 0.5, 0.7, (0.0, 0.5), (0.75, 1.0))),
+            "groundings": draw(_mostly(None, BEST.name, *(() if plain else GATHERINGS))),
         }
         for number, head in enumerate(heads)
     }
 
 
-def semantics() -> st.SearchStrategy[dict[str, Any]]:
-    """All valid combinations of operators, as the key `semantics` has them."""
-    valid = [(name, groundings) for name in CONJUNCTIONS for groundings in (None, "best")]
-    valid += [(name, "pooled") for name, c in CONJUNCTIONS.items() if c.pooled]
+def semantics(*, plain: bool = False) -> st.SearchStrategy[dict[str, Any]]:
+    """All valid combinations of operators, as the key `semantics` has them.
+
+    Args:
+        plain: only those that PyReason has, too.
+    """
+    usual = [None, None, BEST.name, BEST.name]
+    gathered = usual if plain else [*usual, *GATHERINGS]
+    valid = [(name, groundings) for name in CONJUNCTIONS for groundings in gathered]
+    valid += [(name, POOLED) for name, c in CONJUNCTIONS.items() if c.pooled]
     return st.builds(
         lambda pair, disjunction, confidence: {
             "conjunction": pair[0],
@@ -210,7 +217,7 @@ def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
 
 @st.composite
 def knowledge_base_files(
-    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4)
+    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
 ) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
 
@@ -222,9 +229,10 @@ def knowledge_base_files(
     Args:
         draw: given by hypothesis.
         arities: the numbers of arguments that predicates may have.
+        plain: whether they have only what PyReason can say: no sums over substitutions.
     """
     names = tuple(name for name, arity in _PREDICATES.items() if arity in arities)
-    rules = draw(_rules(names))
+    rules = draw(_rules(names, plain=plain))
     weighed = [head for head in _heads(rules) if _PREDICATES[head] <= 1]
     coefficient = st.integers(-16, 16).map(lambda n: n / 8)
     weights = {
@@ -243,7 +251,7 @@ def knowledge_base_files(
             for name in (*names, UNREAD)
         },
         "rules": rules,
-        "semantics": draw(semantics()),
+        "semantics": draw(semantics(plain=plain)),
         "signals": {"v": {"unit": "m/s"}, "d": {"unit": "m", "default": float("inf")}},
         "weights": weights,
         "terms": {
@@ -260,10 +268,10 @@ def knowledge_base_files(
 
 
 def knowledge_bases(
-    arities: Sequence[int] = (0, 1, 2, 3, 4),
+    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
 ) -> st.SearchStrategy[KnowledgeBase]:
     """Checked knowledge bases of the files that `knowledge_base_files` draws."""
-    return knowledge_base_files(arities).map(KnowledgeBase.of)
+    return knowledge_base_files(arities, plain=plain).map(KnowledgeBase.of)
 
 
 @st.composite
@@ -301,10 +309,14 @@ def facts_for(
 
 
 def scenes(
-    arities: Sequence[int] = (0, 1, 2, 3, 4),
+    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
 ) -> st.SearchStrategy[tuple[KnowledgeBase, Facts]]:
-    """Knowledge bases, each with facts that fit it; PyReason has arities of 1 and 2 alone."""
-    return knowledge_bases(arities).flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
+    """Knowledge bases, each with facts that fit it.
+
+    PyReason takes those that are plain, with arities of 1 and 2 alone.
+    """
+    bases = knowledge_bases(arities, plain=plain)
+    return bases.flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
 
 
 @st.composite

@@ -93,7 +93,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
         "semantics": {
             "": {
                 **{key: str(value) for key, value in kb.semantics.model_dump().items()},
-                "groundings": "pooled" if kb.semantics.pools else "best",
+                "groundings": kb.semantics.gathers,
             }
         },
         "observation": {
@@ -163,6 +163,7 @@ def _rule(parts: Sequence[Rule]) -> dict[str, str]:
         "threshold": f"{first.threshold!r}",
         "negation_threshold": f"{first.negation_threshold!r}",
         "certainty": f"{first.certainty_entry!r}",
+        "groundings": first.groundings or "as in semantics",
     }
 
 

@@ -48,7 +48,7 @@ from sfol.knowledge_base.parts import dependencies
 from sfol.knowledge_base.positions import Keys, entries
 from sfol.knowledge_base.silence import silences
 from sfol.literals import Negated, Positive
-from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, least
+from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, POOLED, least
 from sfol.reading import text_of
 from sfol.syntax import variables
 from sfol.tools.replay import ReplayedEpisode
@@ -346,9 +346,10 @@ def _not_monotone(kb: KnowledgeBase) -> Iterator[Finding]:
     several = dict.fromkeys(
         rule.entry
         for rule in kb.rules.values()
-        if set(variables(*rule.clause.body.terms)) - set(rule.clause.head.arguments)
+        if kb.gathers(rule) == POOLED
+        and set(variables(*rule.clause.body.terms)) - set(rule.clause.head.arguments)
     )
-    if kb.semantics.pools and several:
+    if several:
         yield Finding(
             "SF006",
             "info",

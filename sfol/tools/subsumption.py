@@ -140,6 +140,8 @@ def _covers(general: Rule, special: Rule, budget: _Budget) -> bool:
     # What is more certain says more, however seldom it holds.
     if any(g < s for g, s in zip(general.certainty, special.certainty, strict=True)):
         return False
+    if general.groundings != special.groundings:
+        return False
     start = general.clause.head.matched(special.clause.head, {})
     targets = defaultdict(list)
     for literal in special.clause.body.literals:

@@ -38,7 +38,7 @@ def drawn_scenes(count):
         phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
     )
-    @given(scenes(arities=(1, 2)))
+    @given(scenes(arities=(1, 2), plain=True))
     def draw(scene):
         found.append(scene)
 

@@ -25,7 +25,7 @@ def compiled_and_naive_agree(profile):
 
 def all_three_agree(profile, pyreason, tally):
     @settings(settings.get_profile(profile))
-    @given(scenes(arities=(1, 2)))
+    @given(scenes(arities=(1, 2), plain=True))
     def agree(scene):
         kb, facts = scene
         engine = pyreason(kb)

@@ -21,6 +21,8 @@ SEMANTICS = [
     "semantics: {conjunction: product, disjunction: probabilistic_sum}\n",
     "semantics: {conjunction: lukasiewicz, confidence: lower}\n",
     "semantics: {groundings: best, confidence: upper}\n",
+    "semantics: {groundings: sum}\n",
+    "semantics: {conjunction: product, groundings: probabilistic_sum}\n",
 ]
 
 
