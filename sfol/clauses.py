@@ -6,7 +6,10 @@ The grammar, with `?` optional and `*` repeated; atoms and terms are those of `s
     condition =  body
     body      =  unit ("," unit)* | unit ("or" unit)* | unit "implies" unit
     unit      =  literal | "(" body ")"
-    literal   =  pattern (">=" number)? | "not" pattern | term "!=" term
+    literal   =  inner | count
+    inner     =  pattern (">=" number)? | "not" pattern | term "!=" term
+    count     =  "count" counting ">=" integer | "exists" counting
+    counting  =  "(" variable ("," variable)* ":" inner ("," inner)* ")"
     pattern   =  atom, any of whose arguments may be "_"
 
 Each kind of literal is a class of `sfol.literals`, and reads itself. A rule whose body has ``or``
@@ -15,13 +18,14 @@ or ``implies`` stands for several clauses, one for each way in which the body ca
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import count
+from itertools import chain, count
 
 from sfol.connectives import AND, IMPLIES, OR, Joined, Tree, opposite, ways
 from sfol.errors import ClauseError
-from sfol.literals import KINDS, AtomLiteral, Literal
+from sfol.literals import KINDS, AtomLiteral, Count, Literal
 from sfol.syntax import ANONYMOUS, Atom, Reader, variables
 
 MAXIMUM_LITERALS = 64
@@ -33,8 +37,9 @@ class Body:
     """What must hold.
 
     Attributes:
-        literals: those that stand for atoms first, then guards, each in the order of the text. An
-            anonymous variable of a literal that binds is called ``_1``, ``_2`` and so on.
+        literals: those that stand for atoms first, then guards and counts, each in the order of
+            the text. An anonymous variable of a literal that binds is called ``_1``, ``_2`` and so
+            on.
         offsets: where each name stands in the text, for error messages.
     """
 
@@ -46,6 +51,8 @@ class Body:
         taken = {term for literal in ordered for term in literal.terms}
         names = (name for n in count(1) if (name := f"{ANONYMOUS}{n}") not in taken)
         apart = tuple([literal.named_apart(names) for literal in ordered])
+        if Count in map(type, apart):  # explanations make thousands of bodies, and few count
+            apart = tuple(_beside_each_other(apart))
         object.__setattr__(self, "literals", apart)
 
     def __str__(self) -> str:
@@ -55,6 +62,17 @@ class Body:
     def atom_literals(self) -> tuple[AtomLiteral, ...]:
         """The literals that stand for atoms, whose bounds take part in the conjunction."""
         return tuple(lit for lit in self.literals if isinstance(lit, AtomLiteral))
+
+    @property
+    def counts(self) -> tuple[Count, ...]:
+        """The literals that count."""
+        return tuple(lit for lit in self.literals if isinstance(lit, Count))
+
+    @property
+    def all_literals(self) -> tuple[Literal, ...]:
+        """The literals, each count followed by those inside of it."""
+        inside = ((lit, *(lit.literals if isinstance(lit, Count) else ())) for lit in self.literals)
+        return tuple(chain.from_iterable(inside))
 
     @property
     def predicates(self) -> frozenset[str]:
@@ -72,6 +90,12 @@ class Body:
         return frozenset(
             term for lit in self.literals if lit.binds for term in variables(*lit.terms)
         )
+
+
+def _beside_each_other(literals: Sequence[Literal]) -> Iterator[Literal]:
+    """Yield literals that know which of their variables stand outside of any count as well."""
+    outside = {term for lit in literals if not isinstance(lit, Count) for term in lit.terms}
+    return (lit.within(outside) if isinstance(lit, Count) else lit for lit in literals)
 
 
 @dataclass(frozen=True)
@@ -166,9 +190,13 @@ def _several(count: int) -> ClauseError:
 
 def _ways(body: Tree, reader: Reader) -> tuple[Body, ...]:
     found = ways(body)
-    if any(len(way) > MAXIMUM_LITERALS for way in found):
+    if any(len(way) > MAXIMUM_LITERALS or any(_is_long(lit) for lit in way) for way in found):
         raise _too_long()
     return tuple(Body(way, tuple(reader.names)) for way in found)
+
+
+def _is_long(literal: Literal) -> bool:
+    return len(literal.atoms) > MAXIMUM_LITERALS
 
 
 def _too_long() -> ClauseError:

@@ -20,7 +20,7 @@ from sfol.engines.tables import Tables
 from sfol.errors import expect
 from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
-from sfol.literals import AtomLiteral, Literal
+from sfol.literals import AtomLiteral, Counted, Literal
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.outcome import Outcome
 from sfol.syntax import Atom, variables
@@ -52,8 +52,8 @@ class Node:
 
     Attributes:
         kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
-            ``fact``, ``nothing`` (a head that was not concluded) or ``miss`` (a rule that did not
-            fire, with what it lacked).
+            ``fact``, ``counted`` (one of those that a count counts), ``nothing`` (a head that was
+            not concluded) or ``miss`` (a rule that did not fire, with what it lacked).
         text: the statement, in one line.
         values: its numbers and names, for programs.
         children: what it rests on.
@@ -246,11 +246,7 @@ class _Prover:
         values_of = rule.clause.head.matched(atom, {}) or {}
         given = [values_of[name] for name in plan.variables[: plan.given]]
         found = plan.substitutions(self._tables, given, most=_SHOWN_SUBSTITUTIONS)
-        support = plan.support(self._tables, given)
-        literals = tuple(
-            self._literal(literal, [key for number, key in support if number == index])
-            for index, literal in enumerate(plan.body.atom_literals)
-        )
+        literals = self._literals(rule, given)
         certain = rule.certainty == TRUE
         weakened = "" if certain else f" with certainty {rule.certainty_entry}"
         part = "" if rule.part_of is None else f", a part of {rule.entry}"
@@ -264,6 +260,13 @@ class _Prover:
             **({} if rule.part_of is None else {"part_of": rule.entry}),
         }
         return Node("rule", text, values, (_substitutions(rule, found), *literals))
+
+    def _literals(self, rule: Rule, given: Sequence[str]) -> Iterator[Node]:
+        """Yield a node for each literal of a rule, given the variables of its head."""
+        plan = self._engine.program.head_plan(rule)
+        support = plan.support(self._tables, given)
+        for index, literal in enumerate(plan.body.atom_literals):
+            yield self._literal(literal, [key for number, key in support if number == index])
 
     def _literal(self, literal: AtomLiteral, keys: Sequence[Constants]) -> Node:
         """Return a node for a literal, with every distinct ground atom that it stands for."""
@@ -284,11 +287,33 @@ class _Prover:
         atom = literal.atom
         bound = literal.bound(literal.known(self._tables))
         assert bound is not None, f"{literal} holds"
+        if isinstance(literal, Counted):
+            return self._count(literal, bound)
         derived = literal.monotone and atom in self._outcome.derived
         source = "derived" if derived else self._origin(literal)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
         proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
+
+    def _count(self, literal: Counted, bound: Bound) -> Node:
+        """Return a node for a count, with all that count, the best of them first."""
+        ones = sorted(literal.ones(self._tables), key=lambda one: one[1], reverse=True)
+        shown = ones[: max(self._left, 1)]
+        self._left -= len(shown)
+        counted = literal.count.counted
+        below = [self._one(literal.each.predicate, key, counted, one) for key, one in shown]
+        below += [_left_out()] if len(shown) < len(ones) else []
+        values = {"literal": str(literal), "bound": list(bound), "counted": len(ones)}
+        text = f"{literal} {bound}  {len(ones)} counted"
+        return Node("literal", text, values, tuple(below))
+
+    def _one(self, each: str, key: Constants, counted: Sequence[str], bound: Bound) -> Node:
+        """Return a node for one that counts, with the literals that it satisfies."""
+        values = dict(zip(counted, key, strict=False))
+        text = f"{', '.join(f'{name} = {value}' for name, value in values.items())}  {bound}"
+        (rule, _), *_ = self._engine.program.rules[each]
+        below = tuple(self._literals(rule, list(key))) if self._left > 0 else (_left_out(),)
+        return Node("counted", text, {"values": values, "bound": list(bound)}, below)
 
     def _proofs_below(self, atom: Atom) -> tuple[Node, ...]:
         if self._left <= 0 or self._levels >= _SHOWN_LEVELS:

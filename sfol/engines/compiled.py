@@ -19,8 +19,6 @@ from sfol.operators import (
     BEST,
     CONJUNCTIONS,
     DISJUNCTIONS,
-    GATHERINGS,
-    POOLED,
     Gathering,
     Operator,
     times,
@@ -46,19 +44,18 @@ class CompiledEngine:
         self.program = Program.of(kb, work_limit)
         self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
-        self._conjunctions = {
-            name: with_certainty(CONJUNCTIONS[kb.semantics.conjunction], rule.certainty)
-            for name, rule in kb.rules.items()
-        }
+        rules = [rule for rules in self.program.rules.values() for rule, _ in rules]
+        plain, gathers = CONJUNCTIONS[kb.semantics.conjunction], self.program.gathers
+        self._conjunctions = {rule.name: with_certainty(plain, rule.certainty) for rule in rules}
         self._gatherers: dict[str, _Gatherer] = {
-            name: _gatherer(kb, rule, self._conjunctions[name]) for name, rule in kb.rules.items()
+            rule.name: _gatherer(gathers[rule.name], plain, rule.certainty) for rule in rules
         }
         # To try all values of more than two variables takes longer than a search, which has a
         # limit.
         self._tried = frozenset(
-            name
-            for name, rule in kb.rules.items()
-            if kb.gathers(rule) == POOLED and len(variables(*rule.clause.head.arguments)) <= 2
+            rule.name
+            for rule in rules
+            if gathers[rule.name] is None and len(variables(*rule.clause.head.arguments)) <= 2
         )
         self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
 
@@ -80,6 +77,8 @@ class CompiledEngine:
             for atom, bound in conclude(tables):
                 derived[atom] = bound
                 tables.put(atom, bound)
+        if self.program.counting:
+            derived = {a: b for a, b in derived.items() if a.predicate not in self.program.counting}
         everything = _Derived(derived, lambda: self._others(tables))
         return Conclusions(tables, everything, self.program)
 
@@ -260,21 +259,20 @@ class _Gathered:
 _Gatherer = Callable[[], _Pool | _Best | _Gathered]
 
 
-def _gatherer(kb: KnowledgeBase, rule: Rule, conjunction: _Conjunction) -> _Gatherer:
+def _gatherer(gathering: Gathering | None, plain: Operator, certainty: Bound) -> _Gatherer:
     """Return what makes the gatherer of a rule's substitutions.
 
     Args:
-        kb: the knowledge base.
-        rule: the rule.
-        conjunction: its conjunction, with its certainty.
+        gathering: what makes one of all of them; None where their atoms are pooled.
+        plain: the conjunction.
+        certainty: the rule's own.
     """
-    gathers = kb.gathers(rule)
-    if gathers == POOLED:
+    conjunction = with_certainty(plain, certainty)
+    if gathering is None:
         return partial(_Pool, conjunction)
-    if gathers == BEST.name:
+    if gathering is BEST:
         return partial(_Best, conjunction)
-    plain = CONJUNCTIONS[kb.semantics.conjunction]
-    return partial(_Gathered, plain, GATHERINGS[gathers], rule.certainty)
+    return partial(_Gathered, plain, gathering, certainty)
 
 
 class _Derived(Mapping[Atom, Bound]):

@@ -37,7 +37,8 @@ class Conclusions:
         """The names of the rules that concluded something; of parts, and what they are parts of."""
         return frozenset(
             name
-            for rules in self._program.rules.values()
+            for head, rules in self._program.rules.items()
+            if head not in self._program.counting
             for rule, plan in rules
             if plan.holds(self.tables)
             for name in (rule.name, rule.entry)

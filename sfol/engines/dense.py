@@ -193,7 +193,12 @@ class DenseProgram:
 
     @cached_property  # few ask which rules fired
     def _for_whichever(self) -> dict[str, list[_Typed]]:
-        rules = (rule for head in self.program.rules.values() for rule, _ in head)
+        rules = (
+            rule
+            for head, rules in self.program.rules.items()
+            if head not in self.program.counting
+            for rule, _ in rules
+        )
         return {rule.name: list(self._typed((rule, {}), self._known, _NONE)) for rule in rules}
 
     def of_subject(self, blocks: Blocks, backend: Backend, size: int) -> dict[str, Bounds]:

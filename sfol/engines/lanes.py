@@ -249,6 +249,9 @@ class _Lanes(arrays.Backend):
         parts = [Recorded(values.tape, part) for part in np.moveaxis(values.ids, axis, 0)]
         lowest = values.tape.constant(-math.inf)
         shape = np.delete(values.ids.shape, axis)
+        if len(parts) < n:
+            lowest_of_all = np.full(shape, lowest, dtype=np.intp)
+            return Recorded(values.tape, np.expand_dims(lowest_of_all, axis))
         kept = [Recorded(values.tape, np.full(shape, lowest, dtype=np.intp)) for _ in range(n)]
         for part in parts:
             for place, other in enumerate(kept):

@@ -6,10 +6,11 @@ body.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 
+from sfol.engines.counting import CountingRule, counting_rules, without_counts
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.errors import FactError, did_you_mean
@@ -29,7 +30,9 @@ class Program:
     Attributes:
         knowledge_base: what it was made from.
         strata: heads in an order in which each depends on earlier ones only.
-        rules: head → its rules with their plans, in the order of the file.
+        rules: head → its rules with their plans, in the order of the file; in place of counts they
+            read heads of further rules.
+        counting: the heads of these.
         subject_heads: the heads of one argument or none → the atom that makes the reward, that of
             the subject.
         read_heads: heads that some body or condition reads, for whichever entity.
@@ -42,6 +45,7 @@ class Program:
     knowledge_base: KnowledgeBase
     strata: tuple[str, ...]
     rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
+    counting: frozenset[str]
     subject_heads: Mapping[str, Atom]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
@@ -52,8 +56,11 @@ class Program:
     @classmethod
     def of(cls, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> Program:
         """Make the program of a knowledge base."""
-        rules = list(kb.rules.values())
-        heads = kb.heads
+        counting = [found for rule in kb.rules.values() for found in counting_rules(rule)]
+        rules = [without_counts(rule) for rule in kb.rules.values()]
+        rules += [rule for rule, _ in counting]
+        counts = dict.fromkeys(rule.clause.head.predicate for rule, _ in counting)
+        heads = (*kb.heads, *counts)
         order = TopologicalSorter(dependencies(rules)).static_order()
         return cls(
             knowledge_base=kb,
@@ -66,14 +73,15 @@ class Program:
                 )
                 for head in heads
             },
+            counting=frozenset(counts),
             subject_heads={
                 head: Atom(head, (kb.subject,)[:arity])
-                for head in heads
+                for head in kb.heads
                 if (arity := kb.predicates[head].arity) <= 1
             },
-            read_heads=kb.read.intersection(heads),
+            read_heads=kb.read.intersection(heads).union(counts),
             arities={name: predicate.arity for name, predicate in kb.predicates.items()},
-            gathers={rule.name: GATHERINGS.get(kb.gathers(rule)) for rule in rules},
+            gathers=_gathers(kb, counting),
             work_limit=work_limit,
         )
 
@@ -126,6 +134,11 @@ class Program:
     def for_subject_alone(self, head: str) -> bool:
         """Tell whether the reward needs a head of the subject only: no body reads it."""
         return head in self.subject_heads and head not in self.read_heads
+
+
+def _gathers(kb: KnowledgeBase, counting: Iterable[CountingRule]) -> dict[str, Gathering | None]:
+    gathers = {name: GATHERINGS.get(kb.gathers(rule)) for name, rule in kb.rules.items()}
+    return gathers | {rule.name: gathering for rule, gathering in counting}
 
 
 def rule_plan(

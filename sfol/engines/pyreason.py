@@ -78,7 +78,7 @@ class PyReasonEngine:
         import sfol.engines.pyreason_runtime  # noqa: F401, PLC0415  (fail at once, not later)
 
         _check_names(kb)
-        _check_groundings(kb)
+        _check_rules(kb)
         self._compiled = CompiledEngine(kb, work_limit)
         self.program = self._compiled.program
         self.grounded_for_pyreason = frozenset(
@@ -403,8 +403,10 @@ def _check_names(kb: KnowledgeBase) -> None:
             )
 
 
-def _check_groundings(kb: KnowledgeBase) -> None:
+def _check_rules(kb: KnowledgeBase) -> None:
     for rule in kb.rules.values():
+        for literal in rule.clause.body.literals:
+            literal.query(rule)
         if (gathers := kb.gathers(rule)) not in (POOLED, BEST.name):
             raise KnowledgeBaseError(
                 f"PyReason can't express the groundings '{gathers}' of the rule '{rule.entry}'",

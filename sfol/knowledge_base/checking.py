@@ -90,6 +90,13 @@ class _Checker:
         for index, condition in conditions:
             path = ("entity_weights", index, "when")
             self._check_body(path, condition.when, predicates, ("X",), part=entries[index] > 1)
+            for literal in condition.when.counts:
+                self._reporter.report(
+                    path,
+                    f"a condition can't count: '{literal}'",
+                    str(literal),
+                    "let a rule conclude it, and name the head of that rule here",
+                )
         terms = self._terms(rules)
         self._check_heads_are_used(declared, rules, [c for _, c in conditions], terms.values())
         self._check_cycles(rules)
@@ -310,10 +317,13 @@ class _Checker:
     ) -> None:
         offsets = dict(reversed(body.offsets))
         whole = f"'{body}', one way in which the body can hold," if part else "the body"
-        if not body.atom_literals:
+        if not body.atom_literals and not body.counts:
             self._reporter.report(path, f"{whole} has guards and no literal", str(body))
         for atom in (atom for literal in body.literals for atom in literal.atoms):
             self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
+        for fault in (fault for literal in body.literals for fault in literal.faults()):
+            name, message, suggestion = fault
+            self._reporter.report(path, message, name, suggestion, offset=offsets.get(name, 0))
         bound = body.bound_variables
         for variable in variables(*must_bind, *body.terms):
             if variable not in bound:

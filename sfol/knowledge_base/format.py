@@ -49,7 +49,8 @@ class RuleEntry(_Section):
     """One rule; a plain text stands for a rule without a description."""
 
     rule: str = Field(
-        description="Such as head(X) :- Body(X), not Other(X), (P(X) or Q(X)), X != Y."
+        description="Such as head(X) :- Body(X), not Other(X), (P(X) or Q(X)), X != Y, "
+        "count(Z: R(Z, X)) >= 2."
     )
     description: str = Field("", description="What it says, in one sentence.")
     threshold: float = Field(

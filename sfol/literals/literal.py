@@ -83,8 +83,8 @@ Criterion = Callable[["AtomLiteral"], Reading]
 class Literal(ABC):
     """One element of a body: a statement about terms that holds under a substitution, or not.
 
-    Subclasses are frozen dataclasses. A literal that has no atom is a guard: it is true or false,
-    and takes no part in the conjunction.
+    Subclasses are frozen dataclasses. A literal that stands for no atom is a guard: it is true or
+    false, and takes no part in the conjunction; or a count, which engines put an atom in place of.
 
     Attributes:
         binds: whether it is matched by looking through the known atoms of its predicate, so that
@@ -129,6 +129,10 @@ class Literal(ABC):
     def named_apart(self, names: Iterator[str]) -> Self:
         """Return the literal with each anonymous variable that it binds called by another name."""
         return self
+
+    def faults(self) -> Iterator[tuple[str, str, str]]:
+        """Yield what is wrong with it inside: a name, the message and what to do."""
+        return iter(())
 
     @abstractmethod
     def matched(self, target: Literal, values: Mapping[str, str]) -> Mapping[str, str] | None:

@@ -22,10 +22,11 @@ from itertools import pairwise
 from random import Random
 from typing import cast
 
-from sfol.clauses import parse_clause, parse_rule
+from sfol.clauses import Body, Clause, parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
-from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.literals import Count
 from sfol.operators import POOLED
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
@@ -73,7 +74,7 @@ def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random
 def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """Where nothing is pooled or negated, one more fact lowers no bound."""
     kb = reward.kb
-    monotone = all(lit.monotone for r in kb.rules.values() for lit in r.clause.body.literals)
+    monotone = all(lit.monotone for r in kb.rules.values() for lit in r.clause.body.all_literals)
     pools = any(kb.gathers(rule) == POOLED for rule in kb.rules.values())
     if pools or not monotone or not kb.predicates:
         return
@@ -155,6 +156,25 @@ def the_more_the_surer(reward: RewardFunction, facts: Facts, random: Random) -> 
             assert bound.upper <= more[atom].upper + TOLERANCE, atom
 
 
+def fewer_are_found_more_easily(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Counts that ask for one less lower no bound, where nothing is pooled.
+
+    Of a head that nothing reads: more may lower what reads it.
+    """
+    kb = reward.kb
+    fewer = {name: _asking_for_less(kb, rule) for name, rule in kb.rules.items()}
+    after = _like(reward.engine, dataclasses.replace(kb, rules=fewer)).conclude(facts).derived
+    for atom, bound in _derived(reward, facts).items():
+        pools = any(
+            kb.gathers(rule) == POOLED
+            for rule in kb.rules.values()
+            if rule.clause.head.predicate == atom.predicate
+        )
+        if not pools and atom.predicate not in kb.read:
+            assert after[atom].lower >= bound.lower - TOLERANCE, atom
+            assert after[atom].upper >= bound.upper - TOLERANCE, atom
+
+
 def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """The confidence of a head of which nothing is known is 0."""
     outcome = _evaluated(reward, facts)
@@ -213,6 +233,7 @@ LAWS: Sequence[Law] = (
     of_several_rules_the_greatest_counts,
     certainty_multiplies,
     the_more_the_surer,
+    fewer_are_found_more_easily,
     heads_that_did_not_fire_are_zero,
     printed_rules_are_the_rules,
     the_reward_is_the_sum_of_its_terms,
@@ -266,6 +287,20 @@ def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
     for atom, bound in items:
         facts.add(atom.predicate, *atom.arguments, bound=bound)
     return facts
+
+
+def _asking_for_less(kb: KnowledgeBase, rule: Rule) -> Rule:
+    """Return a rule whose counts ask for one less; of a head that is read, the rule itself."""
+    head, body = rule.clause.head, rule.clause.body
+    if head.predicate in kb.read:
+        return rule
+    literals = tuple(
+        dataclasses.replace(literal, minimum=max(literal.minimum - 1, 1))
+        if isinstance(literal, Count)
+        else literal
+        for literal in body.literals
+    )
+    return dataclasses.replace(rule, clause=Clause(head, Body(literals)))
 
 
 def _half(bound: Bound) -> Bound:

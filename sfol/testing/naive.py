@@ -16,7 +16,7 @@ from sfol.clauses import Body
 from sfol.connectives import Joined, Tree
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.literals import Literal, Negated, NotEqual, Positive
+from sfol.literals import Count, Literal, Negated, NotEqual, Positive
 from sfol.syntax import Atom, is_variable
 
 Known = Mapping[Atom, Bound]
@@ -95,6 +95,8 @@ def _failing(body: Tree) -> list[list[Literal]]:
 
 def _reads(kb: KnowledgeBase, head: str) -> set[str]:
     literals = [literal for rule in _rules_of(kb, head) for literal in _literals(rule)]
+    counts = [literal for literal in literals if isinstance(literal, Count)]
+    literals += [literal for count in counts for literal in count.literals]
     return {atom.predicate for literal in literals if (atom := _atom(literal)) is not None}
 
 
@@ -116,7 +118,7 @@ def _naive_rule(
     # S(h): the satisfying substitutions whose head is h; no substitution, no conclusion.
     satisfying: dict[Atom, list[Substitution]] = {}
     for substitution in _substitutions(rule, entities):
-        if _satisfies(rule, substitution, known):
+        if _satisfies(kb, rule, substitution, known):
             head = _grounded(rule.clause.head, substitution)
             satisfying.setdefault(head, []).append(substitution)
     groundings = rule.groundings or kb.semantics.groundings
@@ -134,16 +136,34 @@ def _naive_rule(
 
 
 def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution]:
-    atoms = [rule.clause.head, *map(_atom, _literals(rule))]
-    terms = {term for atom in atoms if atom is not None for term in atom.arguments}
-    names = sorted(term for term in terms if is_variable(term))
+    names = sorted({*_variables_of(_literals(rule)), *_variables(*rule.clause.head.arguments)})
     for values in itertools.product(entities, repeat=len(names)):
         yield dict(zip(names, values, strict=True))
 
 
-def _satisfies(rule: Rule, substitution: Substitution, known: Known) -> bool:
+def _variables(*terms: str) -> set[str]:
+    return {term for term in terms if is_variable(term)}
+
+
+def _variables_of(literals: Sequence[Literal]) -> set[str]:
+    # Those inside of counts are their own, unless they stand in another literal as well.
+    atoms = [_atom(literal) for literal in literals]
+    return {v for atom in atoms if atom is not None for v in _variables(*atom.arguments)}
+
+
+def _satisfies(kb: KnowledgeBase, rule: Rule, substitution: Substitution, known: Known) -> bool:
     # s satisfies the body iff every literal and guard holds.
-    return all(_holds(rule, literal, substitution, known) for literal in _literals(rule))
+    return _all_hold(kb, rule, _literals(rule), substitution, known)
+
+
+def _all_hold(
+    kb: KnowledgeBase,
+    rule: Rule,
+    literals: Sequence[Literal],
+    substitution: Substitution,
+    known: Known,
+) -> bool:
+    return all(_holds(kb, rule, literal, substitution, known) for literal in literals)
 
 
 def _reaches(number: float, threshold: float) -> bool:
@@ -151,9 +171,14 @@ def _reaches(number: float, threshold: float) -> bool:
     return number >= threshold or threshold - number <= threshold * 1e-9
 
 
-def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Known) -> bool:
-    bound = _literal_bound(literal, substitution, known)
+def _holds(
+    kb: KnowledgeBase, rule: Rule, literal: Literal, substitution: Substitution, known: Known
+) -> bool:
+    bound = _literal_bound(kb, rule, literal, substitution, known)
     match literal:
+        case Count():
+            # A count holds iff there are enough, and then as a positive literal does.
+            return bound is not None and bound.upper > 0 and _reaches(bound.lower, rule.threshold)
         case Positive():
             # A positive literal holds iff the atom is known, its upper bound is above 0 and its
             # lower bound reaches the rule's threshold, and the one that it asks for itself.
@@ -170,7 +195,11 @@ def _holds(rule: Rule, literal: Literal, substitution: Substitution, known: Know
     raise NotImplementedError(f"what '{literal}' means is not defined")
 
 
-def _literal_bound(literal: Literal, substitution: Substitution, known: Known) -> Bound | None:
+def _literal_bound(
+    kb: KnowledgeBase, rule: Rule, literal: Literal, substitution: Substitution, known: Known
+) -> Bound | None:
+    if isinstance(literal, Count):
+        return _count_bound(kb, rule, literal, substitution, known)
     atom = _atom(literal)
     if atom is None:  # a guard has no bound
         return None
@@ -180,6 +209,28 @@ def _literal_bound(literal: Literal, substitution: Substitution, known: Known) -
     bound = _strongest(ground, known)
     # A negated literal has the bound [1, 1] if the atom is unknown, else [1 − u, 1 − l].
     return Bound(1.0, 1.0) if bound is None else Bound(1 - bound.upper, 1 - bound.lower)
+
+
+def _count_bound(
+    kb: KnowledgeBase, rule: Rule, count: Count, substitution: Substitution, known: Known
+) -> Bound | None:
+    # For each value of the counted variables the best bound to which the literals inside come, by
+    # the conjunction, over the values of the others; of these the k-th greatest of the lowers and
+    # the k-th greatest of the uppers. Fewer than k, and there is no bound.
+    inside = {*_variables_of(count.literals), *count.counted}
+    names = sorted(inside - _variables_of(_literals(rule)))
+    entities = sorted({argument for atom in known for argument in atom.arguments})
+    found: dict[tuple[str, ...], list[Bound]] = {}
+    for values in itertools.product(entities, repeat=len(names)):
+        local = {**substitution, **dict(zip(names, values, strict=True))}
+        if _all_hold(kb, rule, count.literals, local, known):
+            bounds = [_literal_bound(kb, rule, lit, local, known) for lit in count.literals]
+            bound = _conjunction(kb, [bound for bound in bounds if bound is not None])
+            found.setdefault(tuple(local[name] for name in count.counted), []).append(bound)
+    best = [_combined(max, bounds) for bounds in found.values()]
+    if len(best) < count.minimum:
+        return None
+    return _combined(lambda values: sorted(values, reverse=True)[count.minimum - 1], best)
 
 
 def _strongest(pattern: Atom, known: Known) -> Bound | None:
@@ -205,11 +256,13 @@ def _naive_pooled(
     # For each body literal the distinct ground atoms over S(h), then the average over all of them.
     pool = []
     for literal in _literals(rule):
-        atom = _atom(literal)
+        # A literal has an atom for each of the values of its variables.
+        inside = literal.literals if isinstance(literal, Count) else (literal,)
+        names = sorted(_variables_of(inside) & _variables_of(_literals(rule)))
+        values = {tuple(s[name] for name in names): s for s in found}
         distinct = {
-            _grounded(atom, substitution): _literal_bound(literal, substitution, known)
-            for substitution in found
-            if atom is not None
+            key: _literal_bound(kb, rule, literal, substitution, known)
+            for key, substitution in values.items()
         }
         pool += [bound for bound in distinct.values() if bound is not None]
     return _conjunction(kb, pool)
@@ -221,7 +274,7 @@ def _naive_single(
     # Combine per substitution; best, sum and probabilistic_sum make one bound of all of these.
     single = []
     for substitution in found:
-        bounds = [_literal_bound(lit, substitution, known) for lit in _literals(rule)]
+        bounds = [_literal_bound(kb, rule, lit, substitution, known) for lit in _literals(rule)]
         single.append(_conjunction(kb, [bound for bound in bounds if bound is not None]))
     return single
 
@@ -239,6 +292,11 @@ def _combined(combine: Callable[[Sequence[float]], float], bounds: Sequence[Boun
     return Bound(combine([b.lower for b in bounds]), combine([b.upper for b in bounds]))
 
 
+def _probabilistic_sum(values: Sequence[float]) -> float:
+    # 1 - Π (1 - x), in the one form that rounds neither 0 nor 1 away from where thresholds are.
+    return reduce(lambda a, b: a + b * (1.0 - a), values)
+
+
 _CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "average": statistics.fmean,
     "minimum": min,
@@ -248,12 +306,11 @@ _CONJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
 _GATHERINGS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "best": max,
     "sum": lambda values: min(1.0, math.fsum(values)),
-    "probabilistic_sum": lambda values: 1.0 - math.prod(1.0 - value for value in values),
+    "probabilistic_sum": _probabilistic_sum,
 }
 _DISJUNCTIONS: Mapping[str, Callable[[Sequence[float]], float]] = {
     "maximum": max,
-    # 1 - Π (1 - x), in the one form that rounds neither 0 nor 1 away from where thresholds are.
-    "probabilistic_sum": lambda values: reduce(lambda a, b: a + b * (1.0 - a), values),
+    "probabilistic_sum": _probabilistic_sum,
 }
 
 

@@ -20,7 +20,7 @@ from sfol.connectives import AND, IMPLIES, OR, Joined, Tree
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
-from sfol.literals import Literal, Negated, NotEqual, Positive
+from sfol.literals import Count, Literal, Negated, NotEqual, Positive
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
 from sfol.syntax import ANONYMOUS, Atom, variables
 
@@ -40,6 +40,7 @@ ENTITIES = ("ego", "7", '"Ada B."', "bob")
 _STRANGER = "zoe"  # rules may name it; facts do not
 
 _VARIABLES = ("X", "Y", "Z")
+_COUNTED = ("P", "Q")
 _PARAMETERS = (*_VARIABLES, "W")
 
 _Literals = st.SearchStrategy[list[Literal]]
@@ -110,17 +111,48 @@ def _not_equal(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
     return _mostly(st.just([]), different).flatmap(lambda chosen: chosen)
 
 
+def _counts(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+    count = _mostly(st.just([]), st.lists(_count(readable, bound), min_size=1, max_size=2))
+    return count.flatmap(lambda chosen: chosen)
+
+
+@st.composite
+def _count(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> Count:
+    """Draw a count of one variable or two, which stand in no other literal."""
+    names = [*_COUNTED, *bound]
+    literals: list[Literal] = draw(_positive(readable, names))
+    inside = variables(*(term for literal in literals for term in literal.terms))
+    counted = [name for name in inside if name in _COUNTED]
+    if not counted:
+        predicate = draw(st.sampled_from([n for n in readable if _PREDICATES[n] > 0]))
+        others = draw(_terms(names, _PREDICATES[predicate] - 1))
+        literals.append(Positive(Atom(predicate, (_COUNTED[0], *others))))
+        inside = variables(_COUNTED[0], *inside, *others)
+        counted = [_COUNTED[0]]
+    literals += draw(_negated(readable, inside))
+    literals += draw(_not_equal(readable, inside))
+    several = draw(st.integers(1, len(counted)))
+    return Count(tuple(counted[:several]), tuple(literals), draw(st.integers(1, 3)))
+
+
 # Kind of literal → how a body's literals of this kind are drawn, from the predicates that it may
 # read and the variables that it may name. Those that bind come first and choose freely.
 LITERALS: Mapping[type[Literal], Callable[[Sequence[str], Sequence[str]], _Literals]] = {
     Positive: _positive,
     Negated: _negated,
     NotEqual: _not_equal,
+    Count: _counts,
 }
 
 
 @st.composite
-def _clauses(draw: st.DrawFn, head: str, names: Sequence[str] = tuple(_PREDICATES)) -> str:
+def _clauses(
+    draw: st.DrawFn,
+    head: str,
+    names: Sequence[str] = tuple(_PREDICATES),
+    *,
+    plain: bool = False,
+) -> str:
     """Draw the text of a rule for a head: safe, reading only what stands before the head."""
     readable = names[: names.index(head)]
     literals = [
@@ -132,7 +164,7 @@ def _clauses(draw: st.DrawFn, head: str, names: Sequence[str] = tuple(_PREDICATE
     bound = variables(*(term for literal in literals for term in literal.terms)) or (ENTITIES[0],)
     arguments = draw(_terms(bound, _PREDICATES[head]))
     for kind, drawn in LITERALS.items():
-        if not kind.binds:
+        if not kind.binds and not (plain and kind is Count):
             literals += draw(drawn(readable, bound))
     body = Body(tuple(draw(st.permutations(literals))))
     choice = draw(_choices(readable, bound))
@@ -168,7 +200,7 @@ def _rules(draw: st.DrawFn, names: Sequence[str], *, plain: bool) -> dict[str, d
     heads = draw(st.lists(st.sampled_from(heads_of), min_size=1, max_size=6))
     return {
         f"rule{number}": {
-            "rule": draw(_clauses(head, names)),
+            "rule": draw(_clauses(head, names, plain=plain)),
             "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
             "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
             "certainty": draw(_mostly(1.0, 0.5, 0.7, (0.0, 0.5), (0.75, 1.0))),
@@ -229,7 +261,7 @@ def knowledge_base_files(
     Args:
         draw: given by hypothesis.
         arities: the numbers of arguments that predicates may have.
-        plain: whether they have only what PyReason can say: no sums over substitutions.
+        plain: whether they have only what PyReason can say: neither sums nor counts.
     """
     names = tuple(name for name, arity in _PREDICATES.items() if arity in arities)
     rules = draw(_rules(names, plain=plain))

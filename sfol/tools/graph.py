@@ -14,7 +14,7 @@ from xml.sax import saxutils
 
 from sfol.facts import TRUE
 from sfol.knowledge_base import KnowledgeBase
-from sfol.literals import Negated
+from sfol.literals import Count, Negated
 from sfol.tools.texts import visible
 
 if TYPE_CHECKING:
@@ -64,10 +64,11 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
     graph.add_nodes_from(heads.get(name, GraphNode("predicate", name)) for name in kb.predicates)
     for rule in kb.rules.values():
         node = GraphNode("rule", rule.name)
-        for literal in rule.clause.body.atom_literals:
-            name = literal.atom.predicate
-            source = heads.get(name, GraphNode("predicate", name))
-            graph.add_edge(source, node, negated=isinstance(literal, Negated))
+        for literal in rule.clause.body.all_literals:
+            negated = isinstance(literal, Negated)
+            for name in () if isinstance(literal, Count) else (a.predicate for a in literal.atoms):
+                source = heads.get(name, GraphNode("predicate", name))
+                graph.add_edge(source, node, negated=negated)
         graph.add_edge(node, heads[rule.clause.head.predicate], certainty=rule.certainty)
     for name, weight in kb.weights.items():
         graph.add_node(GraphNode("weight", name))

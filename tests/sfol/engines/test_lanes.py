@@ -119,6 +119,22 @@ def test_every_operator_over_entities(rewards, seed, which, size):
     assert_repeated(rewards[which], step_of(seed, size=size))
 
 
+COUNTS = {
+    "crowded(X) :- Robot(X), Person(P), Person(Q), Beside(P, Q), P != Q.": (
+        '"crowded(X) :- Robot(X), count(P: Person(P), Beside(P, Q), P != Q) >= 2."'
+    ),
+    "Robot(X), Person(P), Close(P, X), Ahead(P, X)": (
+        "Robot(X), exists(P:Person(P), Close(P, X), not Ahead(P, X))"
+    ),
+}
+
+
+def test_counts(tmp_path):
+    reward = ready(load(tmp_path, COUNTS), step_of(0))
+    for seed in range(10):
+        assert_repeated(reward, step_of(seed, size=7))
+
+
 @settings(max_examples=20)
 @given(SEEDS, st.sampled_from([0.1, 1.0, 5.0]))
 def test_cartpole(seed, spread):
