@@ -10,7 +10,11 @@ The grammar, with `?` optional and `*` repeated; atoms and terms are those of `s
     inner     =  pattern (">=" number)? | "not" pattern | term "!=" term
     count     =  "count" counting ">=" integer | "exists" counting
     counting  =  "(" variable ("," variable)* ":" inner ("," inner)* ")"
-    pattern   =  atom, any of whose arguments may be "_"
+    pattern   =  atom, any of whose arguments may be "_" | timed
+    timed     =  ("previously" | "rose" | "fell") "(" pattern ")"
+              |  ("once" | "held") "[" number "]" "(" pattern ")"
+              |  "since" "(" pattern "," pattern ")"
+              |  "latched" "(" pattern "," "on" "=" number "," "off" "=" number ")"
 
 Each kind of literal is a class of `sfol.literals`, and reads itself. A rule whose body has ``or``
 or ``implies`` stands for several clauses, one for each way in which the body can hold.
@@ -26,7 +30,7 @@ from itertools import chain, count
 from sfol.connectives import AND, IMPLIES, OR, Joined, Tree, opposite, ways
 from sfol.errors import ClauseError
 from sfol.literals import KINDS, AtomLiteral, Count, Literal
-from sfol.syntax import ANONYMOUS, Atom, Reader, variables
+from sfol.syntax import ANONYMOUS, Atom, Reader, Timed, variables
 
 MAXIMUM_LITERALS = 64
 MAXIMUM_DEPTH = 16
@@ -75,9 +79,24 @@ class Body:
         return tuple(chain.from_iterable(inside))
 
     @property
+    def _atom_literals(self) -> Iterator[AtomLiteral]:
+        return (lit for lit in self.all_literals if isinstance(lit, AtomLiteral))
+
+    @property
     def predicates(self) -> frozenset[str]:
         """The predicates that it reads."""
         return frozenset(atom.predicate for lit in self.literals for atom in lit.atoms)
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Those whose atoms of the same step it depends on."""
+        return frozenset(atom.predicate for lit in self._atom_literals for atom in lit.atom.present)
+
+    @property
+    def timed(self) -> tuple[Timed, ...]:
+        """What it asks operators over time, each once, what stands in another one before it."""
+        found = (name for lit in self._atom_literals for name in _timed(lit.atom.predicate))
+        return tuple(dict.fromkeys(found))
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -96,6 +115,13 @@ def _beside_each_other(literals: Sequence[Literal]) -> Iterator[Literal]:
     """Yield literals that know which of their variables stand outside of any count as well."""
     outside = {term for lit in literals if not isinstance(lit, Count) for term in lit.terms}
     return (lit.within(outside) if isinstance(lit, Count) else lit for lit in literals)
+
+
+def _timed(predicate: str) -> Iterator[Timed]:
+    if isinstance(predicate, Timed):
+        for operand in predicate.operands:
+            yield from _timed(operand.predicate)
+        yield predicate
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
 from sfol.literals import AtomLiteral, Counted, Literal
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.outcome import Outcome
-from sfol.syntax import Atom, variables
+from sfol.syntax import Atom, Timed, variables
 
 if TYPE_CHECKING:
     import networkx
@@ -201,7 +201,11 @@ class _Prover:
         value = self._outcome.weights[name]
         weight = self._kb.weights[name]
         heads = tuple(self._head(head, factor) for head, factor in weight.coefficients.items())
-        text = f"weight {name} {_number(value)} = 1/{weight.normalizer:g} of the sum below"
+        made = f"1/{weight.normalizer:g} of the sum below"
+        if weight.smoothing is None:
+            text = f"weight {name} {_number(value)} = {made}"
+        else:
+            text = f"weight {name} {_number(value)}, smoothed, follows {made}"
         return Node("weight", text, {"name": name, "value": value}, heads)
 
     def _head(self, head: str, coefficient: float | None = None) -> Node:
@@ -326,7 +330,26 @@ class _Prover:
     def _origin(self, literal: AtomLiteral) -> str:
         if literal.known(self._tables) is None:
             return "unknown"
+        if isinstance(literal.atom.predicate, Timed):
+            return self._when(literal.atom.predicate, literal.atom.arguments)
         return "background" if literal.atom in self._kb.background else "asserted"
+
+    def _when(self, predicate: Timed, arguments: Constants) -> str:
+        """Return when what an operator over time says was so."""
+        memory = self._outcome.conclusions.memory
+        assert memory is not None, "only an episode knows what an operator over time says"
+        remembered = memory.atoms[predicate].get(arguments)
+        when = (
+            ""
+            if remembered is None
+            else predicate.operator.when(remembered, memory.step - 1, self._duration)
+        )
+        return when or "remembered"
+
+    def _duration(self, steps: int) -> str:
+        if self._kb.time is None:
+            return f"{steps} steps"
+        return f"{steps * self._kb.time.step:.4g} {self._kb.time.unit}"
 
 
 @dataclass(frozen=True)

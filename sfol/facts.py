@@ -221,6 +221,18 @@ class Facts:
         twin._relations = {name: dict(relation) for name, relation in self._relations.items()}
         return twin
 
+    def extended(self, relations: Mapping[str, dict[tuple[str, ...], Bound]]) -> Facts:
+        """Return these facts and further ones, whose names and bounds are taken unchecked.
+
+        Args:
+            relations: predicate → constants → bound, in place of what is known of a predicate;
+                they are not copied.
+        """
+        twin = Facts(margin=self.margin)
+        more = {name: relation for name, relation in relations.items() if relation}
+        twin._relations = {**self._relations, **more}
+        return twin
+
     def __iter__(self) -> Iterator[Atom]:
         return (atom for atom, _ in self.items())
 

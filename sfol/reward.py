@@ -20,6 +20,7 @@ from sfol.engines.dense import DenseProgram, Domains, Key
 from sfol.engines.engine import Engine, make_engine
 from sfol.engines.matching import condition_criterion
 from sfol.engines.plan import Plan
+from sfol.episode import Episode, Timeline
 from sfol.errors import (
     FormulaError,
     SignalError,
@@ -44,6 +45,7 @@ from sfol.outcome import BatchOutcome, Outcome
 from sfol.recorded_steps import RecordedSteps, first_of, record
 from sfol.syntax import is_name, is_variable
 from sfol.tensor_reward import TensorReward
+from sfol.temporal import Memory
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
@@ -207,6 +209,7 @@ class RewardFunction:
         self._engine_name = engine
         self._engine: Engine = make_engine(engine, self.kb, work_limit)
         self._conclude = self._conclude_first
+        self._warned = False
         self._reader = ObservationReader(self.kb)
         self._scenes_reader = ScenesReader(self.kb)
         self._repeated_one, self._repeated_many = (
@@ -510,6 +513,7 @@ class RewardFunction:
         listed_scenes = [
             _facts(facts) for facts in listed(scenes, "the scenes", "give a list of sfol.Facts")
         ]
+        self._check_has_no_memory()
         self._warn_once(name for facts in listed_scenes for name in facts.entities())
         return encode(self._engine.program, listed_scenes)
 
@@ -526,6 +530,40 @@ class RewardFunction:
             FactError: a fact does not fit the knowledge base.
         """
         return self._conclude(_facts(facts))
+
+    def episode(self) -> Episode:
+        """Return a new episode, which remembers its steps for those that come after them.
+
+        A knowledge base with operators over time, or with smoothed weights, is evaluated by
+        episodes alone; for others they give what `evaluate` gives.
+
+        Example:
+            >>> episode = RewardFunction("aeb").episode()
+            >>> facts = Facts.parse("NoCrosswalk(ego). EmptyLane(ego).")
+            >>> episode.step(facts, v=6.0, v_next=6.0).weights["safety"]
+            0.0
+        """
+        return Episode(self)
+
+    def conclude_after(self, facts: Facts, memory: Memory) -> Conclusions:
+        """Return what follows from the facts of a step, given what is remembered of those before.
+
+        An `Episode` keeps the memory; where many are taken in turns, it can be kept elsewhere.
+
+        Args:
+            facts: ground atoms with bounds; they are copied.
+            memory: of the steps before, as ``conclusions.memory`` is after each; `Memory()` before
+                the first one.
+
+        Raises:
+            FactError: a fact does not fit the knowledge base.
+            WorkLimitError: a rule has too many substitutions.
+        """
+        if not self._warned:
+            self._warn_once(_facts(facts).entities())
+        conclusions = self._timeline.conclude(_facts(facts), memory)
+        weights = self._weighed(self._confidences(self._bounds(conclusions)))
+        return self._timeline.smoothed(conclusions, weights, memory)
 
     @overload
     def evaluate(self, facts: Facts | Conclusions, /, **signals: float) -> Outcome: ...
@@ -593,7 +631,8 @@ class RewardFunction:
             FactError: a fact does not fit the knowledge base.
             WorkLimitError: a rule has too many substitutions in the scene.
         """
-        return self._weighed(self._confidences(self._bounds(self._concluded(facts))))
+        conclusions = self._concluded(facts)
+        return self._weighed(self._confidences(self._bounds(conclusions)), conclusions.memory)
 
     def weights_of_many(self, observation: Observation, /) -> dict[str, Array]:
         """Return the weights of B states, from facts that are read off observations of them.
@@ -682,22 +721,46 @@ class RewardFunction:
         return facts
 
     def _conclude_first(self, facts: Facts) -> Conclusions:
+        self._check_has_no_memory()
         self._warn_once(facts.entities())
         return self._engine.conclude(facts)
 
     def _warn_once(self, known: Iterable[str]) -> None:
         """Warn of what keeps rules from concluding anything, before the first conclusions."""
-        if self._conclude != self._conclude_first:
+        if self._warned:
             return
-        self._conclude = self._engine.conclude  # so that later calls cost nothing
+        self._warned = True
+        if not self.kb.has_memory:
+            self._conclude = self._engine.conclude  # so that later calls cost nothing
         for silence in silences(self.kb, frozenset(known)):
             warn_of_silence(f"'{self.kb.name}': {silence.message} ({silence.suggestion})")
+
+    def _check_has_no_memory(self) -> None:
+        kb = self.kb
+        if not kb.has_memory:
+            return
+        name = kb.timed[0].operator.name if kb.timed else next(iter(kb.smoothed))
+        what = "the operator over time" if kb.timed else "the smoothed weight"
+        raise UsageError(
+            f"'{kb.name}' has {what} '{name}': what a step is worth depends on those before it",
+            name=name,
+            suggestion="make an episode, and let it take the steps in order: "
+            "episode = reward.episode(), then episode.step(facts, …)",
+        )
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        limit = self._engine.program.work_limit
+        return Timeline(self._engine, lambda kb: make_engine(self._engine_name, kb, limit))
 
     def _bounds(self, conclusions: Conclusions) -> dict[str, Bound | None]:
         return {head: conclusions.tables.bound(atom) for head, atom in self._head_atoms}
 
-    def _weighed(self, confidences: Mapping[str, float]) -> dict[str, float]:
-        return {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+    def _weighed(
+        self, confidences: Mapping[str, float], memory: Memory | None = None
+    ) -> dict[str, float]:
+        weights = {name: float(self._weight(name, confidences)) for name in self.kb.weights}
+        return weights if memory is None else {**weights, **memory.weights}
 
     def _confidences(self, bounds: Mapping[str, Bound | None]) -> dict[str, float]:
         return {
@@ -708,7 +771,7 @@ class RewardFunction:
     def _outcome(self, conclusions: Conclusions, signals: Mapping[str, float]) -> Outcome:
         bounds = self._bounds(conclusions)
         confidences = self._confidences(bounds)
-        weights = self._weighed(confidences)
+        weights = self._weighed(confidences, conclusions.memory)
         terms = {
             name: self._term(term, weights, confidences, signals, Formula.__call__)
             for name, term in self.kb.terms.items()
@@ -825,6 +888,7 @@ class RewardFunction:
 
     @cached_property  # few reward functions are asked for many scenes at once
     def _dense(self) -> DenseProgram:
+        self._check_has_no_memory()
         self._warn_once(())
         kb = self.kb
         domains = Domains.of(kb, {name: entity_names(name, s) for name, s in kb.entities.items()})

@@ -16,9 +16,9 @@ ends with the line. Rules are read by `sfol.clauses`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from sfol.errors import ClauseError, expect, torn_apart
 
@@ -35,12 +35,14 @@ _TOKEN = re.compile(
     r"(?P<space>\s+|[%#][^\n]*)"
     r"|(?P<number>[+-]?\d+(\.\d+)?([eE][+-]?\d+)?)"
     r"|(?P<name>[^\W\d]\w*)"
-    rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:\[\]])"
+    rf"|(?P<punctuation>{'|'.join(map(re.escape, OPERATORS))}|[(),.:=\[\]])"
     r"|(?P<quoted>\"[^\"\n]*\"|'[^'\n]*')"
 )
 _OR = "write or, in parentheses beside a comma: P(X), (Q(X) or R(X))"
 _QUOTES = 'close the quotes on the same line: "Mary"'
 _WORDS = ("not", "or", "implies")  # where they stand alone in a body
+# Operators over time, which `sfol.temporal` reads: no predicate of a text is called so.
+OVER_TIME = ("previously", "once", "held", "since", "latched", "rose", "fell")
 # What other languages write → what a clause says instead.
 _INSTEAD = {
     "!": "write not P(X)",
@@ -75,8 +77,28 @@ class Atom(NamedTuple):
     arguments: tuple[str, ...]
 
     def __str__(self) -> str:
-        shown = (ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments)
-        return f"{self.predicate}({', '.join(shown)})" if self.arguments else self.predicate
+        shown = [ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments]
+        if isinstance(self.predicate, Timed):
+            return self.predicate.applied(shown)
+        return f"{self.predicate}({', '.join(shown)})" if shown else self.predicate
+
+    @property
+    def plain(self) -> tuple[Atom, ...]:
+        """The atoms that it speaks of: itself, or those below an operator over time."""
+        if not isinstance(self.predicate, Timed):
+            return (self,)
+        below = self.predicate.atoms(self.arguments)
+        return tuple(atom for operand in below for atom in operand.plain)
+
+    @property
+    def present(self) -> tuple[Atom, ...]:
+        """Those of them whose bounds at the same step it depends on."""
+        if not isinstance(self.predicate, Timed):
+            return (self,)
+        if self.predicate.operator.strict:
+            return ()
+        below = self.predicate.atoms(self.arguments)
+        return tuple(atom for operand in below for atom in operand.present)
 
     @property
     def is_pattern(self) -> bool:
@@ -119,6 +141,80 @@ class Atom(NamedTuple):
             if (extended.setdefault(term, wanted) if is_variable(term) else term) != wanted:
                 return None
         return extended
+
+
+class OverTime(Protocol):
+    """What an operator over time tells those who only read and print it."""
+
+    @property
+    def name(self) -> str:
+        """What it is called where it is written."""
+        ...
+
+    @property
+    def strict(self) -> bool:
+        """Whether what it says depends on earlier steps alone."""
+        ...
+
+    @property
+    def duration(self) -> float | None:
+        """How far it looks back, in the unit of `time`; None if it has no window."""
+        ...
+
+    def text(self, operands: Sequence[object]) -> str:
+        """Return the operator as it is written, applied to operands."""
+        ...
+
+    def advance(self, before: Any, moment: Any) -> tuple[Any, Any]:
+        """Take one step; `sfol.temporal` says how."""
+        ...
+
+    def when(self, remembered: Any, step: int, said: Callable[[int], str]) -> str:
+        """Return when what it says was so."""
+        ...
+
+
+class Timed(str):
+    """The predicate of what an operator over time says, such as ``once[1.5](Near({0}, ego))``.
+
+    The name is the text, with a number in braces for each argument, so that no predicate that a
+    file can declare is called like it.
+
+    Args:
+        operator: the operator.
+        operands: the atoms that it speaks of, with such numbers for variables.
+    """
+
+    operator: OverTime
+    operands: tuple[Atom, ...]
+
+    def __new__(cls, operator: OverTime, operands: tuple[Atom, ...]) -> Timed:
+        """Make the name of the text."""
+        made = super().__new__(cls, operator.text(operands))
+        made.operator, made.operands = operator, operands
+        return made
+
+    def __getnewargs__(self) -> tuple[OverTime, tuple[Atom, ...]]:  # type: ignore[override]
+        return self.operator, self.operands
+
+    @property
+    def arity(self) -> int:
+        """The number of arguments."""
+        return len({term for atom in self.operands for term in atom.arguments if term[0] == "{"})
+
+    def atoms(self, arguments: Sequence[str]) -> tuple[Atom, ...]:
+        """Return the operands with arguments in place of their numbers."""
+        values = {placeholder(number): term for number, term in enumerate(arguments)}
+        return tuple(atom.substituted(values) for atom in self.operands)
+
+    def applied(self, arguments: Sequence[str]) -> str:
+        """Return the text with arguments in place of their numbers."""
+        return self.operator.text(self.atoms(arguments))
+
+
+def placeholder(number: int) -> str:
+    """Return what stands for an argument in the operands of `Timed`."""
+    return f"{{{number}}}"
 
 
 class FactText(NamedTuple):
@@ -328,6 +424,8 @@ class Reader:
 
     def _atom(self, argument: Callable[[], str]) -> Atom:
         predicate = self.name("a predicate")
+        if predicate in OVER_TIME:
+            raise self._over_time(predicate)
         if not self.accept("("):
             return self._proposition(predicate)
         arguments = [] if self.sees(")") else [argument()]
@@ -345,6 +443,14 @@ class Reader:
             f"'{predicate}' is no predicate without arguments",
             name=predicate,
             suggestion="it is a word of bodies: call the predicate differently",
+            offset=self.names[-1][1],
+        )
+
+    def _over_time(self, name: str) -> ClauseError:
+        return ClauseError(
+            f"'{name}' is an operator over time and no predicate",
+            name=name,
+            suggestion=f"it speaks of atoms of a body, as {name}(P(X)); call a predicate otherwise",
             offset=self.names[-1][1],
         )
 

@@ -11,6 +11,7 @@ from sfol.engines.program import Program
 from sfol.engines.tables import Tables
 from sfol.facts import Bound
 from sfol.syntax import Atom
+from sfol.temporal import Memory
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,13 @@ class Conclusions:
         tables: facts, background, and the conclusions that concern the subject or that some body
             reads.
         derived: the atoms that some rule concluded, with their final bounds.
+        memory: what the episode remembers after the step that they are of, if they are of one.
     """
 
     tables: Tables
     derived: Mapping[Atom, Bound]
     _program: Program = field(repr=False, compare=False)
+    memory: Memory | None = None
 
     @cached_property
     def subject(self) -> str:
@@ -46,5 +49,5 @@ class Conclusions:
 
     def __getstate__(self) -> dict[str, Any]:
         # A program is made of closures, which no pickle holds; what it is asked for can be.
-        kept = ("tables", "derived", "subject", "fired")
+        kept = ("tables", "derived", "subject", "fired", "memory")
         return {name: getattr(self, name) for name in kept}

@@ -80,7 +80,10 @@ class Program:
                 if (arity := kb.predicates[head].arity) <= 1
             },
             read_heads=kb.read.intersection(heads).union(counts),
-            arities={name: predicate.arity for name, predicate in kb.predicates.items()},
+            arities={
+                **{name: predicate.arity for name, predicate in kb.predicates.items()},
+                **{name: name.arity for name in kb.timed},
+            },
             gathers=_gathers(kb, counting),
             work_limit=work_limit,
         )

@@ -79,6 +79,10 @@ class Tables:
             for arguments, bound in relation.items():
                 yield Atom(predicate, arguments), bound
 
+    def put_all(self, predicate: str, rows: dict[Constants, Bound]) -> None:
+        """Make rows all that is known of a predicate, which has no index yet."""
+        self._relations[predicate] = rows
+
     def put(self, atom: Atom, bound: Bound) -> None:
         """Add a conclusion. No index of its predicate exists yet: strata go in order."""
         self._relations.setdefault(atom.predicate, {})[atom.arguments] = bound

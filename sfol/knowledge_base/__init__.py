@@ -19,8 +19,10 @@ from sfol.knowledge_base.format import (
     Semantics,
     Signal,
     Sort,
+    Smoothing,
     Source,
     Term,
+    Time,
     Weight,
 )
 from sfol.knowledge_base.model import KnowledgeBase
@@ -52,7 +54,9 @@ __all__ = [
     "Semantics",
     "Signal",
     "Sort",
+    "Smoothing",
     "Source",
     "Term",
+    "Time",
     "Weight",
 ]

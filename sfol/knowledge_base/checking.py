@@ -102,6 +102,7 @@ class _Checker:
         self._check_cycles(rules)
         self._check_semantics()
         self._check_signals()
+        self._check_time(rules, conditions)
         observation = ObservationChecker(file, self._reporter)
         observation.check({file.subject}.union(*(atom.arguments for atom in background)))
         self._check_weights(rules)
@@ -132,6 +133,7 @@ class _Checker:
             entities=file.entities,
             facts=facts,
             facts_at=file.facts_at,
+            time=file.time,
             observed_signals=observed_signals,
             tests=tuple(file.tests),
             files=files,
@@ -420,6 +422,38 @@ class _Checker:
                     f"the default of '{name}' is NaN",
                     name,
                     "leave it out, so that the caller must give the signal",
+                )
+
+    def _check_time(
+        self, rules: Mapping[str, Rule], conditions: Iterable[tuple[int, EntityCondition]]
+    ) -> None:
+        """Durations mean nothing without the length of a step."""
+        if self._file.time is not None:
+            return
+        bodies: list[tuple[Path, Body]] = [
+            (("rules", rule.entry, "rule"), rule.clause.body) for rule in rules.values()
+        ]
+        bodies += [(("entity_weights", index, "when"), c.when) for index, c in conditions]
+        advice = "say how long one is: time: {step: 0.1, unit: s}"
+        for path, body in bodies:
+            offsets = dict(reversed(body.offsets))
+            for predicate in body.timed:
+                name = predicate.operator.name
+                if predicate.operator.duration is not None:
+                    self._reporter.report(
+                        path,
+                        f"'{name}' has a duration, but nothing says how long a step is",
+                        name,
+                        advice,
+                        offset=offsets.get(name, 0),
+                    )
+        for name, weight in self._file.weights.items():
+            if weight.smoothing is not None:
+                self._reporter.report(
+                    ("weights", name, "smoothing"),
+                    f"the weight '{name}' is smoothed, but nothing says how long a step is",
+                    name,
+                    advice,
                 )
 
     def _check_weights(self, rules: Mapping[str, Rule]) -> None:

@@ -190,12 +190,29 @@ class Signal(_Section):
     )
 
 
+class Time(_Section):
+    """How long a step is; durations of operators over time and of smoothing are in its unit."""
+
+    step: FiniteFloat = Field(gt=0, description="From one step to the next.")
+    unit: str = Field("s", description="The unit of the step and of all durations.")
+
+
+class Smoothing(_Section):
+    """How a weight follows what its heads come to: after so long 1/e of a change is left."""
+
+    rise: FiniteFloat = Field(0.0, ge=0, description="While it grows; 0 follows at once.")
+    fall: FiniteFloat = Field(0.0, ge=0, description="While it falls; 0 follows at once.")
+
+
 class Weight(_Section):
     """w = (1 / normalizer) Σ coefficient × confidence."""
 
     normalizer: FiniteFloat = Field(gt=0, description="Stays the same when rules are removed.")
     coefficients: dict[str, FiniteFloat] = Field(
         description="Head → coefficient (the paper's α, β)."
+    )
+    smoothing: Smoothing | None = Field(
+        None, description="How it follows its heads from step to step; without it, at once."
     )
     description: str = Field("", description="What it weighs.")
 
@@ -350,6 +367,9 @@ class KnowledgeBaseFile(_Section):
         "state",
         description="The facts that reward a step: those of the state before the action, or of the "
         "`next` one, so that a state in which an episode ends is rewarded, too.",
+    )
+    time: Time | None = Field(
+        None, description="The length of a step, for operators over time and smoothing."
     )
     signals: dict[str, Signal] = Field(default_factory=dict, description="Numbers of a step.")
     weights: dict[str, Weight] = Field(default_factory=dict, description="Weights from rules.")

@@ -14,10 +14,11 @@ from pydantic import BaseModel
 from sfol.errors import KnowledgeBaseError, did_you_mean
 from sfol.facts import TRUE, Facts
 from sfol.knowledge_base.checking import check
-from sfol.knowledge_base.format import KnowledgeBaseFile
+from sfol.knowledge_base.format import KnowledgeBaseFile, Smoothing
 from sfol.knowledge_base.loading import load
 from sfol.knowledge_base.parts import Parts, Predicate, Rule, ScheduledNumber
 from sfol.operators import POOLED
+from sfol.syntax import Timed
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -46,6 +47,7 @@ class KnowledgeBase(Parts):
         facts: how facts are read off it.
         facts_at: whether a step is rewarded by the facts of the state before the action, or of the
             next one.
+        time: the length of a step, if the file says it.
         observed_signals: how signals are, by name.
         tests: cases of the last file; inherited ones do not run for an overlay.
         files: the files that it was made from, in the order in which they were applied.
@@ -117,6 +119,23 @@ class KnowledgeBase(Parts):
         return rule.groundings or self.semantics.gathers
 
     @property
+    def timed(self) -> tuple[Timed, ...]:
+        """What bodies ask operators over time, what stands in another one before it."""
+        bodies = [rule.clause.body for rule in self.rules.values()]
+        bodies += [condition.when for condition in self.entity_weights]
+        return tuple(dict.fromkeys(name for body in bodies for name in body.timed))
+
+    @property
+    def smoothed(self) -> dict[str, Smoothing]:
+        """The weights that follow their heads from step to step, by name."""
+        return {name: w.smoothing for name, w in self.weights.items() if w.smoothing is not None}
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether what a step is worth depends on the steps before it."""
+        return bool(self.timed or self.smoothed)
+
+    @property
     def hash(self) -> str:
         """A digest of everything that can change a reward or a descriptor, 64 hex digits.
 
@@ -148,6 +167,7 @@ class KnowledgeBase(Parts):
             "grounding": self.grounding.model_dump(mode="json"),
             **self._observed_meaning(),
             **self._scheduled_meaning(),
+            **self._timed_meaning(),
         }
         text = json.dumps(meaning, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -171,6 +191,13 @@ class KnowledgeBase(Parts):
             if number.section == "terms" or number.name in self.heads
         }
         return {"schedules": meaning} if meaning else {}
+
+    def _timed_meaning(self) -> dict[str, Any]:
+        """Return how a step depends on others, for the digest, apart from what clauses say."""
+        if self.time is None or not self.has_memory:
+            return {}
+        smoothing = {name: [s.rise, s.fall] for name, s in self.smoothed.items()}
+        return {"time": [self.time.step, *([smoothing] if smoothing else [])]}
 
     def number(self, scheduled: ScheduledNumber) -> float:
         """Return the file's own value of a number that is scheduled."""

@@ -9,7 +9,16 @@ from typing import Literal
 from sfol.clauses import Body, Clause, WrittenRule
 from sfol.facts import TRUE, Bound
 from sfol.formula import Formula
-from sfol.knowledge_base.format import Case, Grounding, Semantics, Signal, Sort, Source, Weight
+from sfol.knowledge_base.format import (
+    Case,
+    Grounding,
+    Semantics,
+    Signal,
+    Sort,
+    Source,
+    Time,
+    Weight,
+)
 from sfol.syntax import Atom
 
 
@@ -192,6 +201,7 @@ class Parts:
     entities: Mapping[str, Sort] = field(default_factory=dict)
     facts: tuple[ObservedFact, ...] = ()
     facts_at: Literal["state", "next"] = "state"
+    time: Time | None = None
     observed_signals: Mapping[str, Formula] = field(default_factory=dict)
     tests: tuple[Case, ...] = ()
     files: tuple[str, ...] = ()
@@ -210,8 +220,8 @@ def fields_of(observation: Mapping[str, Source], sort: Sort) -> dict[str, tuple[
 
 
 def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
-    """Return for every head the predicates that its rules' bodies read."""
+    """Return for every head the predicates whose atoms of the same step its rules depend on."""
     graph: dict[str, set[str]] = {}
     for rule in rules:
-        graph.setdefault(rule.clause.head.predicate, set()).update(rule.clause.body.predicates)
+        graph.setdefault(rule.clause.head.predicate, set()).update(rule.clause.body.present)
     return graph

@@ -47,6 +47,7 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "entities": {name: _said(sort) for name, sort in kb.entities.items()},
         "facts": {fact.text: _fact(fact) for fact in kb.facts},
         "facts_at": "" if kb.facts_at == "state" else kb.facts_at,
+        "time": "" if kb.time is None else kb.time.model_dump(),
         "signals": {name: _said(signal) for name, signal in kb.signals.items()},
         "weights": {
             name: {**_said(weight), "coefficients": _with_rules(kb, weight.coefficients)}

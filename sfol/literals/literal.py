@@ -10,7 +10,7 @@ from sfol.arrays import Array, Backend
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import Bound
 from sfol.literals.search import Constants, Rows, Scene, Step
-from sfol.syntax import Atom, Reader
+from sfol.syntax import Atom, Reader, Timed
 
 
 class Thresholds(Protocol):
@@ -72,6 +72,11 @@ class QueryClause(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.predicate}({','.join(self.terms)}):[{self.threshold!r},1]"
+
+
+def queried(predicate: str) -> str:
+    """Return what PyReason calls a predicate: it could not read what an operator over time says."""
+    return f"timed.{predicate.encode().hex()}" if isinstance(predicate, Timed) else predicate
 
 
 # The bound of a literal, given that of its known atom; None if the literal does not hold.
@@ -236,7 +241,7 @@ class AtomLiteral(Literal):
     @property
     def atoms(self) -> tuple[Atom, ...]:
         """The atoms that it reads; they must fit the declared predicates."""
-        return (self.atom,)
+        return self.atom.plain
 
     def known(self, scene: Scene) -> Bound | None:
         """Return what is known of its atom in a scene; it must be ground."""

@@ -17,6 +17,7 @@ from sfol.literals.literal import (
     QueryClause,
     Reading,
     Thresholds,
+    queried,
 )
 from sfol.literals.positive import Positive
 from sfol.literals.search import (
@@ -31,6 +32,7 @@ from sfol.literals.search import (
 )
 from sfol.operators import least, negation
 from sfol.syntax import ANONYMOUS, Atom, Reader
+from sfol.temporal import read_pattern
 
 # PyReason has no predicate without arguments: this variable can be one entity alone.
 _WHOEVER = f"{ANONYMOUS}whoever"
@@ -53,7 +55,7 @@ class Negated(AtomLiteral):
     def parse(cls, reader: Reader) -> Self | None:
         if reader.sees("(", ahead=1) or not reader.accept("not"):  # a predicate may be called not
             return None
-        return cls(reader.pattern())
+        return cls(read_pattern(reader))
 
     def __str__(self) -> str:
         return f"not {self.atom}"
@@ -146,7 +148,7 @@ class Negated(AtomLiteral):
     def query(self, thresholds: Thresholds) -> QueryClause:
         # PyReason's own negation fails on unknown atoms, so it reads a predicate of its own.
         where = [f".{i}" for i, term in enumerate(self.atom.arguments) if term == ANONYMOUS]
-        name = f"not.{self.atom.predicate}{''.join(where)}"
+        name = f"not.{queried(self.atom.predicate)}{''.join(where)}"
         return QueryClause(name, self.terms or (_WHOEVER,), least(thresholds.negation_threshold))
 
     def query_rows(self, scene: Scene, domain: Sequence[str]) -> Rows:

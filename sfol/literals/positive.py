@@ -15,10 +15,12 @@ from sfol.literals.literal import (
     QueryClause,
     Reading,
     Thresholds,
+    queried,
 )
 from sfol.literals.search import Rows, Scene
 from sfol.operators import least
 from sfol.syntax import ANONYMOUS, Atom, Reader
+from sfol.temporal import read_pattern
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Positive(AtomLiteral):
 
     @classmethod
     def parse(cls, reader: Reader) -> Self | None:
-        atom = reader.pattern()
+        atom = read_pattern(reader)
         return cls(atom, reader.share() if reader.accept(">=") else 0.0)
 
     def __str__(self) -> str:
@@ -95,7 +97,9 @@ class Positive(AtomLiteral):
         return possible & (atoms.lower(rows) >= enough) if enough > 0.0 else possible
 
     def query(self, thresholds: Thresholds) -> QueryClause:
-        return QueryClause(self.atom.predicate, self.terms, least(self.threshold(thresholds)))
+        return QueryClause(
+            queried(self.atom.predicate), self.terms, least(self.threshold(thresholds))
+        )
 
     def query_rows(self, scene: Scene, domain: Sequence[str]) -> Rows:
         # PyReason would let an atom that is known to be false pass at threshold 0.

@@ -18,6 +18,7 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Count, Literal, Negated, NotEqual, Positive
 from sfol.syntax import Atom, is_variable
+from sfol.testing.naive_time import needed_now, said_of
 
 Known = Mapping[Atom, Bound]
 Substitution = Mapping[str, str]
@@ -33,6 +34,26 @@ def naive_conclusions(kb: KnowledgeBase, facts: Facts) -> dict[Atom, Bound]:
     Returns:
         Every atom that some rule concludes, with its final bound.
     """
+    return _naive_step(kb, facts, [])
+
+
+def naive_episode(kb: KnowledgeBase, steps: Sequence[Facts]) -> list[dict[Atom, Bound]]:
+    """Return what follows from the facts of every step of an episode, by the letter as well.
+
+    Args:
+        kb: the knowledge base, perhaps with operators over time.
+        steps: the facts of each step; they must fit the knowledge base.
+    """
+    history: list[Known] = []  # all that was known at every step
+    derived = []
+    for facts in steps:
+        derived.append(_naive_step(kb, facts, history))
+        background = {atom: Bound(1.0, 1.0) for atom in kb.background}
+        history.append({**background, **dict(facts.items()), **derived[-1]})
+    return derived
+
+
+def _naive_step(kb: KnowledgeBase, facts: Facts, history: Sequence[Known]) -> dict[Atom, Bound]:
     # Facts map ground atoms to bounds; the background always holds, with [1, 1].
     known = {**{atom: Bound(1.0, 1.0) for atom in kb.background}, **dict(facts.items())}
     derived: dict[Atom, Bound] = {}
@@ -41,10 +62,13 @@ def naive_conclusions(kb: KnowledgeBase, facts: Facts) -> dict[Atom, Bound]:
     while waiting:
         head = next(name for name in waiting if not _reads(kb, name) & set(waiting))
         waiting.remove(head)
+        # What operators over time say is known to a stratum like facts.
+        said = said_of(kb, _rules_of(kb, head), [*history, known])
         # Entities are the constants that occur in facts, plus the subject. To a later stratum the
         # conclusions of an earlier one are facts as well.
-        entities = sorted({kb.subject}.union(*(atom.arguments for atom in known)))
-        conclusions = _naive_stratum(kb, head, known, entities)
+        read = {**known, **said}
+        entities = sorted({kb.subject}.union(*(atom.arguments for atom in read)))
+        conclusions = _naive_stratum(kb, head, read, entities)
         derived.update(conclusions)
         known.update(conclusions)
     return derived
@@ -97,7 +121,8 @@ def _reads(kb: KnowledgeBase, head: str) -> set[str]:
     literals = [literal for rule in _rules_of(kb, head) for literal in _literals(rule)]
     counts = [literal for literal in literals if isinstance(literal, Count)]
     literals += [literal for count in counts for literal in count.literals]
-    return {atom.predicate for literal in literals if (atom := _atom(literal)) is not None}
+    atoms = [atom for literal in literals if (atom := _atom(literal)) is not None]
+    return {name for atom in atoms for name in needed_now(atom)}
 
 
 def _naive_stratum(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from sfol.clauses import Body, Clause, parse_rule
@@ -22,7 +23,18 @@ from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.literals import Count, Literal, Negated, NotEqual, Positive
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
-from sfol.syntax import ANONYMOUS, Atom, variables
+from sfol.syntax import ANONYMOUS, Atom, is_anonymous, variables
+from sfol.temporal import (
+    Fell,
+    Held,
+    Latched,
+    Once,
+    Operator,
+    Previously,
+    Rose,
+    Since,
+    applied,
+)
 
 try:
     from hypothesis import strategies as st
@@ -304,6 +316,73 @@ def knowledge_bases(
 ) -> st.SearchStrategy[KnowledgeBase]:
     """Checked knowledge bases of the files that `knowledge_base_files` draws."""
     return knowledge_base_files(arities, plain=plain).map(KnowledgeBase.of)
+
+
+_STEP = 0.25
+_durations = st.integers(1, 12).map(lambda n: n / 8)  # of two of three windows, not whole steps
+_operators: st.SearchStrategy[Operator] = st.one_of(
+    st.sampled_from([Previously(), Rose(), Fell()]),
+    st.builds(Once, _durations),
+    st.builds(Held, _durations),
+    st.builds(Latched, st.sampled_from([0.5, 0.75]), st.sampled_from([0.125, 0.5])),
+)
+
+
+@st.composite
+def _over_time(draw: st.DrawFn, atom: Atom, readable: Sequence[str]) -> Atom:
+    """Draw what some operator says of an atom; `readable` may stand beside it."""
+    if readable and ANONYMOUS not in atom.arguments and draw(_mostly(False, True)):
+        kept = draw(_atoms(readable, variables(*atom.arguments) or (ENTITIES[0],)))
+        return applied(Since(), (kept, atom))
+    operand = draw(_over_time(atom, readable)) if draw(_mostly(False, True)) else atom
+    return applied(draw(_operators), (operand,))
+
+
+@st.composite
+def timed_knowledge_bases(
+    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4)
+) -> KnowledgeBase:
+    """Checked knowledge bases whose rules speak of the past, with every operator over time.
+
+    Args:
+        draw: given by hypothesis.
+        arities: the numbers of arguments that predicates may have.
+    """
+    content = draw(knowledge_base_files(arities)).model_dump(by_alias=True)
+    names = [name for name, arity in _PREDICATES.items() if arity in arities]
+    for entry in content["rules"].values():
+        written = parse_rule(entry["rule"])
+        if len(written.clauses) > 1:
+            continue
+        clause = written.clauses[0]
+        literals = [draw(_perhaps_over_time(lit, names)) for lit in clause.body.literals]
+        entry["rule"] = str(Clause(clause.head, Body(tuple(literals))))
+    return KnowledgeBase.of(
+        KnowledgeBaseFile.model_validate({**content, "time": {"step": _STEP, "unit": "s"}})
+    )
+
+
+@st.composite
+def _perhaps_over_time(draw: st.DrawFn, literal: Literal, names: Sequence[str]) -> Literal:
+    if not isinstance(literal, Positive | Negated) or not draw(st.booleans()):
+        return literal
+    terms = [ANONYMOUS if is_anonymous(term) else term for term in literal.atom.arguments]
+    atom = Atom(literal.atom.predicate, tuple(terms))
+    before = names[: names.index(literal.atom.predicate)]
+    return replace(literal, atom=draw(_over_time(atom, before)))
+
+
+@st.composite
+def episodes(
+    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4), max_steps: int = 8
+) -> tuple[KnowledgeBase, list[Facts]]:
+    """Knowledge bases whose rules speak of the past, each with the facts of some steps."""
+    kb = draw(timed_knowledge_bases(arities))
+    facts = facts_for(kb, ENTITIES[:2], max_size=12)
+    several = draw(st.lists(facts, min_size=1, max_size=3))
+    # Scenes that come again let what they say last, or return.
+    order = draw(st.lists(st.sampled_from(several), min_size=1, max_size=max_steps))
+    return kb, order
 
 
 @st.composite
