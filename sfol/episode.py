@@ -18,6 +18,7 @@ from sfol.errors import expect
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.literals.search import Constants
+from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.outcome import Outcome
 from sfol.syntax import Atom, Timed
 from sfol.temporal import Memory, Moment, Remembered, Rows, smoothed, steps_of
@@ -220,6 +221,26 @@ class Episode:
         outcome = self._reward.evaluate(conclusions, **signals)
         self._remember(conclusions)
         return outcome
+
+    def transition(  # noqa: PLR0913, PLR0917 (what env.step returns, in its order)
+        self,
+        observation: Observation,
+        action: Observation = None,
+        next_observation: Observation = None,
+        native: Observation = None,
+        terminated: Observation = None,
+        truncated: Observation = None,
+        /,
+        **signals: float,
+    ) -> Outcome:
+        """Return the reward of the next transition, with facts and signals read off observations.
+
+        Args and errors are those of `RewardFunction.transition`, of one scene.
+        """
+        step = ObservedStep(observation, action, next_observation, native, terminated, truncated)
+        facts = self._reward.observe(read_for_facts(self._reward.kb, step))
+        read = self._reward.observe_signals(*step.wholes.values(), **signals)
+        return self.step(facts, **read)
 
     def conclude(self, facts: Facts) -> Conclusions:
         """Return what follows from the facts of the next step.

@@ -339,12 +339,7 @@ class _Prover:
         memory = self._outcome.conclusions.memory
         assert memory is not None, "only an episode knows what an operator over time says"
         remembered = memory.atoms[predicate].get(arguments)
-        when = (
-            ""
-            if remembered is None
-            else predicate.operator.when(remembered, memory.step - 1, self._duration)
-        )
-        return when or "remembered"
+        return predicate.operator.when(remembered, memory.step - 1, self._duration)
 
     def _duration(self, steps: int) -> str:
         if self._kb.time is None:

@@ -44,8 +44,8 @@ from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
 from sfol.recorded_steps import RecordedSteps, first_of, record
 from sfol.syntax import is_name, is_variable
-from sfol.tensor_reward import TensorReward
 from sfol.temporal import Memory
+from sfol.tensor_reward import TensorReward
 
 if TYPE_CHECKING:
     from sfol.explain import Explanation
@@ -744,8 +744,8 @@ class RewardFunction:
         raise UsageError(
             f"'{kb.name}' has {what} '{name}': what a step is worth depends on those before it",
             name=name,
-            suggestion="make an episode, and let it take the steps in order: "
-            "episode = reward.episode(), then episode.step(facts, …)",
+            suggestion="let an episode take the steps in order: episode = reward.episode(), then "
+            "episode.step(facts, …)",
         )
 
     @cached_property

@@ -15,9 +15,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol
 
-from sfol.errors import ClauseError
+from sfol.errors import ClauseError, did_you_mean
 from sfol.facts import TRUE, Bound
 from sfol.operators import TOLERANCE, least, negation
 from sfol.syntax import (
@@ -31,6 +31,7 @@ from sfol.syntax import (
 )
 
 MAXIMUM_DEPTH = 4
+_FOR_EVER = 2.0**53  # steps; no episode has so many
 HOLDS = 0.5  # the least 1 − u of a negated literal, unless a rule says otherwise
 
 Constants = tuple[str, ...]
@@ -142,14 +143,14 @@ class Operator(ABC):
         """
 
     def when(self, remembered: Any, step: int, said: Callable[[int], str]) -> str:
-        """Return since when, or until when, an atom was so; nothing if it can't tell.
+        """Return since when, or until when, what it says of an atom was so.
 
         Args:
-            remembered: what it remembers of the atom after a step.
+            remembered: what it remembers of the atom after a step; None if nothing.
             step: that step.
             said: returns a number of steps as a duration.
         """
-        return ""
+        return "remembered"
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,9 @@ class Previously(Operator):
 
     def advance(self, before: Remembered, moment: Moment) -> tuple[Remembered, Rows]:
         return dict(moment.rows), before
+
+    def when(self, remembered: Any, step: int, said: Callable[[int], str]) -> str:
+        return f"{said(1)} ago"
 
 
 @dataclass(frozen=True)
@@ -185,11 +189,11 @@ class _Window(Operator):
         offset = reader.offset
         reader.expect("[", f"say how far back: {cls.name}[1.5](P(X))")
         back = reader.number()
-        if back <= 0.0:
+        if not 0.0 < back < math.inf:
             raise ClauseError(
                 f"'{cls.name}' can't look back {_number(back)}",
                 name=cls.name,
-                suggestion=f"give a duration above 0: {cls.name}[1.5](P(X))",
+                suggestion=f"give a finite duration above 0: {cls.name}[1.5](P(X))",
                 offset=offset,
             )
         reader.expect("]", f"the duration of '{cls.name}' ends there")
@@ -225,7 +229,7 @@ class Once(_Window):
         _, uppers = remembered
         true = [at for at, upper in uppers if upper > 0.0]
         if not true:
-            return ""
+            return "false all the time"
         return "true now" if true[-1] == step else f"last true {said(step - true[-1])} ago"
 
 
@@ -385,7 +389,8 @@ def read_pattern(reader: Reader, depth: int = 0) -> Atom:
     """
     offset = reader.offset
     kind = next((found for name, found in OPERATORS.items() if reader.sees(name)), None)
-    if kind is None or not (reader.sees("(", ahead=1) or reader.sees("[", ahead=1)):
+    if kind is None:
+        _check_is_predicate(reader)
         return reader.pattern()
     if depth == MAXIMUM_DEPTH:
         raise ClauseError(
@@ -396,6 +401,21 @@ def read_pattern(reader: Reader, depth: int = 0) -> Atom:
         )
     reader.name("an operator")
     return kind.parse(reader, depth)
+
+
+def _check_is_predicate(reader: Reader) -> None:
+    """Make sure that what comes next is no misspelt operator."""
+    speaks_of_atom = reader.sees("(", ahead=1) and reader.sees("(", ahead=3)
+    if not speaks_of_atom and not reader.sees("[", ahead=1):
+        return
+    offset = reader.offset
+    name = reader.name("a predicate")
+    raise ClauseError(
+        f"there is no operator over time '{name}'",
+        name=name,
+        suggestion=did_you_mean(name, OPERATORS) or f"there are {', '.join(OPERATORS)}",
+        offset=offset,
+    )
 
 
 def applied(operator: Operator, operands: Sequence[Atom]) -> Atom:
@@ -418,7 +438,7 @@ def applied(operator: Operator, operands: Sequence[Atom]) -> Atom:
 
 def steps_of(duration: float, step: float) -> int:
     """Return how many whole steps a duration is, up to rounding."""
-    return int(duration / step * (1.0 + TOLERANCE))
+    return int(min(duration / step * (1.0 + TOLERANCE), _FOR_EVER))
 
 
 def smoothed(old: float, new: float, constant: float, step: float) -> float:

@@ -182,14 +182,15 @@ def _print_log(
     console.print(_steps(moved[:top]))
     worst = moved[0]
     step = log.episodes[worst.episode].steps[worst.step]
-    for kb, title in zip(kbs, ("before", "after"), strict=True):
-        facts, signals = known(step, kb)
+    outcomes = (worst.before, worst.after)
+    for kb, outcome, title in zip(kbs, outcomes, ("before", "after"), strict=True):
+        _, signals = known(step, kb)
         line(
             console,
             (f"\nThe worst step {title}", "bold"),
             f": episode {worst.episode}, step {worst.step}, under '{visible(kb.name)}'",
         )
-        stdout(markup=True).print(RewardFunction(kb).explain(facts, **signals))
+        stdout(markup=True).print(RewardFunction(kb).explain(outcome.conclusions, **signals))
 
 
 def _movements(difference: LogDifference) -> Table:

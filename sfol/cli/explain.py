@@ -11,12 +11,12 @@ import typer
 
 from sfol.cli.app import app
 from sfol.cli.inputs import Source, path_or_name, signals, text_argument
-from sfol.cli.output import print_file, stdout
+from sfol.cli.output import note, print_file, stdout
 from sfol.errors import ClauseError, Place, UsageError, did_you_mean
 from sfol.facts import Facts
-from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.knowledge_base import Case, CaseStep, KnowledgeBase
 from sfol.reward import RewardFunction
-from sfol.testing.cases import written_out
+from sfol.testing.cases import played, steps_of
 
 
 @app.command()
@@ -36,16 +36,20 @@ def explain(  # noqa: PLR0913, PLR0917  (each is an option of the command line)
 ) -> None:
     """Show why a scene gets its reward: a proof tree from the reward down to the facts.
 
+    Of a test with several steps it shows the last one.
+
     Example:
     `sfol explain aeb --facts "Pedestrian(p1): 0.8. OnCrosswalk(p1)." -s v=6 -s v_next=5 -s d=9`
     """
     reward = RewardFunction(KnowledgeBase.load(path_or_name(source)))
-    chosen = written_out(reward, _case(reward.kb, case)) if case is not None else None
-    text = [] if chosen is None else chosen.facts
-    texts = [text] if isinstance(text, str) else list(text)
+    steps = [CaseStep()] if case is None else steps_of(reward, _case(reward.kb, case))
+    last = steps.pop()
+    texts = [last.facts] if isinstance(last.facts, str) else list(last.facts)
     scene = _scene([*texts, text_argument(facts)], facts, reward.kb.grounding.margin)
-    values = {**(chosen.signals if chosen else {}), **signals(signal or [])}
-    explanation = reward.explain(scene, **values)
+    if reward.kb.has_memory and not steps:
+        note(f"'{reward.kb.name}' has rules over time: this is the first step of an episode")
+    *_, conclusions = played(reward, [*steps, CaseStep(facts=str(scene))])
+    explanation = reward.explain(conclusions, **{**last.signals, **signals(signal or [])})
     if depth is not None:
         explanation = explanation.cut(depth)
     if as_json:

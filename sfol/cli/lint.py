@@ -45,7 +45,8 @@ def lint(
     subject · SF019 a constant that only one rule names · SF020 a rule that no entity fits ·
     SF009 rules that were not compared for SF005, as that takes too long (info) · SF010 a weight
     that no term uses · SF011 a signal that no formula reads · SF013 a comment that ignores what
-    is no code · SF021 a schedule that ends elsewhere than the file · and on the recorded
+    is no code · SF021 a schedule that ends elsewhere than the file ·
+    SF022 an operator over time that looks back less than a step · and on the recorded
     episodes of a log: SF007 one term is nearly all of the reward · SF008 worse endings return
     more than better ones · SF012 endings that `--endings` does not name.
 

@@ -17,6 +17,7 @@ from sfol.facts import TRUE, Bound, Facts
 from sfol.formula import Formula, can_be_read, check_formula_name
 from sfol.knowledge_base.format import (
     Case,
+    CaseStep,
     EntityWeight,
     KnowledgeBaseFile,
     RuleEntry,
@@ -505,6 +506,20 @@ class _Checker:
     def _check_case(self, index: int, case: Case, predicates: Mapping[str, Predicate]) -> None:
         path: Path = ("tests", index)
         self._check_observed(path, case)
+        self._check_scene(path, case, predicates)
+        for key in case.model_fields_set & {"facts", "observation"} if case.steps else ():
+            self._reporter.report(
+                (*path, key),
+                f"the test has steps and {key}",
+                key,
+                "give one of them: each step has facts of its own",
+            )
+        for number, step in enumerate(case.steps):
+            self._check_scene((*path, "steps", number), step, predicates)
+
+    def _check_scene(
+        self, path: Path, case: Case | CaseStep, predicates: Mapping[str, Predicate]
+    ) -> None:
         texts = [case.facts] if isinstance(case.facts, str) else case.facts
         for number, text in enumerate(texts):
             where = (*path, "facts", *([] if isinstance(case.facts, str) else [number]))

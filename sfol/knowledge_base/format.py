@@ -277,6 +277,19 @@ class Expectation(_Section):
 Observed = float | list[Any] | dict[str, Any]
 
 
+class CaseStep(_Section):
+    """A step of an episode that a test plays, as often as it says."""
+
+    facts: str | list[str] = Field("", description="Facts as text, or a list of such texts.")
+    signals: dict[str, float] = Field(
+        default_factory=dict, description="Signal → number, for those that are not the test's own."
+    )
+    times: int = Field(1, ge=1, le=10_000, description="How many such steps follow each other.")
+    expect: Expectation = Field(
+        default_factory=Expectation, description="What must come out of the last of them."
+    )
+
+
 class Case(_Section):
     """A test that stands in the knowledge base: facts and signals in, values out."""
 
@@ -297,7 +310,14 @@ class Case(_Section):
     )
     truncated: bool | None = Field(None, description="Whether it was truncated there, likewise.")
     signals: dict[str, float] = Field(default_factory=dict, description="Signal → number.")
-    expect: Expectation = Field(description="What must come out, within 1e-9.")
+    steps: list[CaseStep] = Field(
+        default_factory=list,
+        description="The steps of an episode in order, in place of facts; the test's signals count "
+        "in each.",
+    )
+    expect: Expectation = Field(
+        description="What must come out, within 1e-9; of the last step where there are several."
+    )
 
 
 class Remove(_Section):

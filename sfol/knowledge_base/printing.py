@@ -147,10 +147,10 @@ def _scheduled(number: ScheduledNumber) -> dict[str, Any]:
 
 def _case(kb: KnowledgeBase, case: Case) -> dict[str, Any]:
     said = _said(case)
-    expect = said["expect"]
-    for part in ("bounds", "confidences"):
-        if part in expect:
-            expect[part] = {h: v for h, v in expect[part].items() if h in kb.predicates}
+    for expect in (said["expect"], *(step.get("expect", {}) for step in said.get("steps", ()))):
+        for part in ("bounds", "confidences"):
+            if part in expect:
+                expect[part] = {h: v for h, v in expect[part].items() if h in kb.predicates}
     return said
 
 

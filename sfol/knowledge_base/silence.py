@@ -88,7 +88,9 @@ def _lonely_constants(kb: KnowledgeBase, named: Collection[str]) -> Iterator[Sil
 
 def _named(kb: KnowledgeBase) -> frozenset[str]:
     """Return the constants that a knowledge base names outside of its rules."""
-    tests = [[case.facts] if isinstance(case.facts, str) else case.facts for case in kb.tests]
+    scenes = [case.facts for case in kb.tests]
+    scenes += [step.facts for case in kb.tests for step in case.steps]
+    tests = [[facts] if isinstance(facts, str) else facts for facts in scenes]
     atoms = [atom for texts in tests for text in texts for atom, *_ in parse_facts(text)]
     atoms += [*kb.background, *(fact.atom for fact in kb.facts)]
     atoms += [a for c in kb.entity_weights for lit in c.when.literals for a in lit.atoms]

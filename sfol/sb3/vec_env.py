@@ -36,9 +36,9 @@ class VecRuleReward(VecEnvWrapper):
 
     What `sfol.wrappers.RuleReward` is for one environment, this is for B of them, with the same
     numbers and the same keys in ``infos``. Facts and signals are read off the observations, and one
-    evaluation rewards all environments; with a function that makes facts or signals, each is
-    evaluated on its own. A last step leads to what ``terminal_observation`` has, and is truncated
-    if ``TimeLimit.truncated`` says so.
+    evaluation rewards all environments; with a function that makes facts or signals, or rules over
+    time, each is evaluated on its own. A last step leads to what ``terminal_observation`` has, and
+    is truncated if ``TimeLimit.truncated`` says so.
 
     Args:
         venv: vectorised environments.
@@ -74,9 +74,10 @@ class VecRuleReward(VecEnvWrapper):
         self._reward = reward
         self._mode = mode
         self._silence = Silence(reward)
+        together = facts is None and signals is None and not reward.kb.has_memory
         self._panel: _Panel = (
             _Together(reward, shaping)
-            if facts is None and signals is None
+            if together
             else _OneByOne(venv.num_envs, reward, facts, signals, shaping)
         )
 

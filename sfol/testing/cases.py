@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from sfol.engines.conclusions import Conclusions
 from sfol.errors import SfolError
 from sfol.facts import Facts
-from sfol.knowledge_base import Case, KnowledgeBase
+from sfol.knowledge_base import Case, CaseStep, Expectation, KnowledgeBase
 from sfol.knowledge_base.observing import ACTION, NEXT, STEP
 from sfol.observations.plans import ObservedStep, read_for_facts
 from sfol.outcome import Outcome
@@ -76,17 +77,47 @@ def run_tests(kb: KnowledgeBase) -> TestReport:
 
 def run_case(reward: RewardFunction, case: Case) -> CaseResult:
     """Run one test of a knowledge base."""
+    differences: list[str] = []
+    fired: frozenset[str] = frozenset()
     try:
+        steps = steps_of(reward, case)
+        pairs = zip(steps, played(reward, steps), strict=True)
+        for number, (step, conclusions) in enumerate(pairs, 1):
+            fired |= conclusions.fired
+            outcome = reward.evaluate(conclusions, **step.signals)
+            differences += [f"step {number}: {line}" for line in _differences(step.expect, outcome)]
+        differences += _differences(case.expect, outcome)
+    except SfolError as error:
+        differences.append(str(error))
+    return CaseResult(case.name, tuple(differences), fired)
+
+
+def played(reward: RewardFunction, steps: Iterable[CaseStep]) -> Iterator[Conclusions]:
+    """Yield what follows from the facts of each step, which make one episode.
+
+    Raises:
+        SfolError: the facts of a step don't fit the knowledge base.
+    """
+    episode = reward.episode()
+    for step in steps:
+        yield episode.conclude(Facts.parse(step.facts, margin=reward.kb.grounding.margin))
+
+
+def steps_of(reward: RewardFunction, case: Case) -> list[CaseStep]:
+    """Return the steps that a test plays, one after the other; most tests play a single one.
+
+    Raises:
+        SfolError: something can't be read off the test's observations.
+    """
+    if not case.steps:
         case = written_out(reward, case)
-        facts = Facts.parse(case.facts, margin=reward.kb.grounding.margin)
-        conclusions = reward.conclude(facts)
-    except SfolError as error:
-        return CaseResult(case.name, (str(error),), frozenset())
-    try:
-        outcome = reward.evaluate(conclusions, **case.signals)
-    except SfolError as error:
-        return CaseResult(case.name, (str(error),), conclusions.fired)
-    return CaseResult(case.name, tuple(_differences(case, outcome)), conclusions.fired)
+        return [CaseStep(facts=case.facts, signals=case.signals)]
+    steps = []
+    for step in case.steps:
+        last = step.model_copy(update={"signals": {**case.signals, **step.signals}})
+        before = last.model_copy(update={"expect": Expectation()})
+        steps += [before] * (step.times - 1) + [last]
+    return steps
 
 
 def written_out(reward: RewardFunction, case: Case) -> Case:
@@ -106,8 +137,7 @@ def written_out(reward: RewardFunction, case: Case) -> Case:
     return case.model_copy(update={"facts": facts, "signals": signals, **read})
 
 
-def _differences(case: Case, outcome: Outcome) -> Iterator[str]:
-    expect = case.expect
+def _differences(expect: Expectation, outcome: Outcome) -> Iterator[str]:
     for head, pair in expect.bounds.items():
         yield from _compare(f"bound of {head}", pair, outcome.bounds.get(head))
     for head, value in expect.confidences.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 
 from sfol.facts import Bound
 from sfol.knowledge_base import KnowledgeBase, Rule
@@ -56,23 +57,34 @@ def needed_now(atom: Atom) -> Iterator[str]:
 def _course(kb: KnowledgeBase, atom: Atom, steps: Sequence[Known]) -> _Course:
     if not isinstance(atom.predicate, Timed):
         return lambda step: steps[step].get(atom)
+    said = partial(_said, kb, atom.predicate)
     operands = [_course(kb, a, steps) for a in atom.predicate.atoms(atom.arguments)]
-    match atom.predicate.operator:
+    return lambda step: said(operands[0], operands[-1], step)
+
+
+def _said(
+    kb: KnowledgeBase, predicate: Timed, first: _Course, last: _Course, step: int
+) -> Bound | None:
+    """Return what an operator says at a step; most have one operand, which is first and last."""
+    said: Bound | None
+    match predicate.operator:
         case Previously():
-            return lambda step: _before(operands[0], step)
+            said = _before(last, step)
         case Once(back):
-            return lambda step: _once(operands[0], _window(kb, step, back))
+            said = _once(last, _window(kb, step, back))
         case Held(back):
-            return lambda step: _held(operands[0], step, _window(kb, step, back), kb, back)
+            said = _held(last, step, _window(kb, step, back), kb, back)
         case Since():
-            return lambda step: _since(*operands, step)
+            said = _since(first, last, step)
         case Latched(on, off):
-            return lambda step: _latched(operands[0], step, on, off)
+            said = _latched(last, step, on, off)
         case Rose():
-            return lambda step: _both(operands[0](step), _before(operands[0], step))
+            said = _both(last(step), _before(last, step))
         case Fell():
-            return lambda step: _both(_before(operands[0], step), operands[0](step))
-    raise NotImplementedError(f"what '{atom}' means is not defined")
+            said = _both(_before(last, step), last(step))
+        case _:
+            raise NotImplementedError(f"what '{predicate}' means is not defined")
+    return said
 
 
 def _before(course: _Course, step: int) -> Bound | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base import KnowledgeBase, Rule, Smoothing, Time
 from sfol.logs import Log
 from sfol.outcome import Outcome
 from sfol.tools.replay import ReplayedEpisode, replay
@@ -113,6 +113,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
             for fact in kb.facts
         },
         "facts_at": {"": {"": kb.facts_at}},
+        "time": {"": _time(kb.time)},
         "signals": {
             name: {
                 "unit": signal.unit,
@@ -124,6 +125,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
         "weights": {
             name: {
                 "normalizer": f"{weight.normalizer!r}",
+                **({} if weight.smoothing is None else _smoothing(weight.smoothing)),
                 **{
                     f"coefficients.{head}": f"{number!r}"
                     for head, number in weight.coefficients.items()
@@ -152,6 +154,14 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
             name: {"": text} for name, text in _flat(kb.grounding.model_dump(mode="json"))
         },
     }
+
+
+def _time(time: Time | None) -> dict[str, str]:
+    return {} if time is None else {"step": f"{time.step!r}", "unit": time.unit}
+
+
+def _smoothing(smoothing: Smoothing) -> dict[str, str]:
+    return {f"smoothing.{key}": f"{value!r}" for key, value in smoothing.model_dump().items()}
 
 
 def _rule(parts: Sequence[Rule]) -> dict[str, str]:

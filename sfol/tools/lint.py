@@ -28,6 +28,7 @@ again.
 | SF019 | warning | a constant that nothing but one rule names, perhaps meant as a variable |
 | SF020 | warning | a rule that no entity fits: its arguments are of different sorts |
 | SF021 | warning | a schedule that ends at another number than the file's own |
+| SF022 | warning | an operator over time whose duration is shorter than a step |
 """
 
 from __future__ import annotations
@@ -51,12 +52,13 @@ from sfol.literals import Negated, Positive
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, POOLED, least
 from sfol.reading import text_of
 from sfol.syntax import variables
+from sfol.temporal import steps_of
 from sfol.tools.replay import ReplayedEpisode
 from sfol.tools.subsumption import compared
 
 DOMINANT = 0.9
 
-_CODES = frozenset(f"SF{number:03}" for number in range(1, 22))
+_CODES = frozenset(f"SF{number:03}" for number in range(1, 23))
 _CODE_OF = {"subject": "SF018", "constant": "SF019", "sort": "SF020"}
 _OF_EPISODES = ("SF007", "SF008", "SF012")
 _IGNORE = re.compile(r"#\s*sfol:\s*ignore\b(?P<words>[^:#]*)", re.IGNORECASE)
@@ -95,6 +97,7 @@ def lint(kb: KnowledgeBase) -> tuple[Finding, ...]:
         _unread,
         _ungiven,
         _ends_elsewhere,
+        _looks_nowhere_back,
         _subsumed,
         _not_monotone,
         _jumps,
@@ -248,7 +251,8 @@ def _without_use(kb: KnowledgeBase) -> Iterator[Finding]:
 
 def _expects_nothing(kb: KnowledgeBase) -> Iterator[Finding]:
     for index, case in enumerate(kb.tests):
-        if not case.expect.model_fields_set:
+        expected = (case.expect, *(step.expect for step in case.steps))
+        if not any(expect.model_fields_set for expect in expected):
             yield Finding(
                 "SF014",
                 "warning",
@@ -301,6 +305,25 @@ def _ends_elsewhere(kb: KnowledgeBase) -> Iterator[Finding]:
                 ("schedules", target),
                 f"let it end at {own:g}, or change the number",
             )
+
+
+def _looks_nowhere_back(kb: KnowledgeBase) -> Iterator[Finding]:
+    bodies: list[tuple[Keys, Body]] = [
+        (("rules", rule.entry), rule.clause.body) for rule in kb.rules.values()
+    ]
+    bodies += [(("entity_weights",), condition.when) for condition in kb.entity_weights]
+    length = kb.time.step if kb.time else 0.0
+    for path, body in bodies:
+        for operator in (predicate.operator for predicate in body.timed):
+            if operator.duration is not None and not steps_of(operator.duration, length):
+                yield Finding(
+                    "SF022",
+                    "warning",
+                    f"'{operator.name}' looks back {operator.duration:g}, less than a step of "
+                    f"{length:g}: it says what is so now",
+                    path,
+                    f"leave it out, or look further back: {operator.name}[{length:g}]",
+                )
 
 
 def _subsumed(kb: KnowledgeBase) -> Iterator[Finding]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
+from sfol.episode import Episode
 from sfol.errors import FormulaError, SfolError, SignalError
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase
 from sfol.logs import Log, LoggedEpisode, LoggedStep
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
+
+_PACE = 0.01  # of a step: recorded times are rounded
 
 
 @dataclass(frozen=True)
@@ -34,26 +39,45 @@ class ReplayedEpisode:
 def replay(log: Log, kb: KnowledgeBase) -> tuple[ReplayedEpisode, ...]:
     """Evaluate every step of a log under a knowledge base.
 
-    Predicates and signals that it does not know are left out; see `unknown_names`.
+    Predicates and signals that it does not know are left out; see `unknown_names`. Each recorded
+    episode is an episode of it, so that its rules may speak of steps that have passed.
 
     Args:
         log: the recorded episodes.
         kb: any knowledge base, not only that of the recording.
 
     Raises:
-        SfolError: a step has no reward, as where a signal is missing; the error says which step.
+        SfolError: a step has no reward, as where a signal is missing, or another length than rules
+            over time count on; the error says which step.
     """
     reward = RewardFunction(kb)
-    return tuple(
-        ReplayedEpisode(
-            episode,
-            tuple(
-                _evaluate(reward, step, f"episode {episode.number}, step {index}")
-                for index, step in enumerate(episode.steps)
-            ),
-        )
-        for episode in log.episodes
+    return tuple(_replayed(reward, episode) for episode in log.episodes)
+
+
+def _replayed(reward: RewardFunction, recorded: LoggedEpisode) -> ReplayedEpisode:
+    if reward.kb.has_memory:
+        _check_pace(reward.kb, recorded)
+    episode = reward.episode()
+    outcomes = tuple(
+        _evaluate(episode, reward.kb, step, f"episode {recorded.number}, step {index}")
+        for index, step in enumerate(recorded.steps)
     )
+    return ReplayedEpisode(recorded, outcomes)
+
+
+def _check_pace(kb: KnowledgeBase, recorded: LoggedEpisode) -> None:
+    """Make sure that steps are as long as a knowledge base says, if it says so in seconds."""
+    if kb.time is None or kb.time.unit != "s":
+        return
+    for index, (step, following) in enumerate(pairwise(recorded.steps)):
+        apart = following.time - step.time
+        if not math.isclose(apart, kb.time.step, rel_tol=_PACE):
+            raise SfolError(
+                f"episode {recorded.number}, step {index} took {apart:.4g} s, and a step of "
+                f"'{kb.name}' takes {kb.time.step:g} s",
+                name="time",
+                suggestion="record every step, or set the step of the section time",
+            )
 
 
 def unknown_names(log: Log, kb: KnowledgeBase) -> tuple[str, ...]:
@@ -75,13 +99,13 @@ def known(step: LoggedStep, kb: KnowledgeBase) -> tuple[Facts, Mapping[str, floa
     return facts, {name: value for name, value in step.signals.items() if name in kb.signals}
 
 
-def _evaluate(reward: RewardFunction, step: LoggedStep, where: str) -> Outcome:
-    facts, signals = known(step, reward.kb)
+def _evaluate(episode: Episode, kb: KnowledgeBase, step: LoggedStep, where: str) -> Outcome:
+    facts, signals = known(step, kb)
     try:
-        return reward.evaluate(facts, **signals)
+        return episode.step(facts, **signals)
     except (SignalError, FormulaError) as error:
         raise SfolError(
-            f"{where} under '{reward.kb.name}': {error.message}",
+            f"{where} under '{kb.name}': {error.message}",
             name=error.name,
             suggestion="record it, or give the signal a default"
             if isinstance(error, SignalError)

@@ -84,10 +84,17 @@ class Judge(Generic[Observation, Action]):
         self._shaping = shaping
         self._context = context
         self._names = item_names(reward)
-        self._reads_all = facts is None and signals is None and shaping is None
+        self._episode = reward.episode() if reward.kb.has_memory else None
+        own = (facts, signals, shaping, self._episode)
+        self._reads_all = all(part is None for part in own)
 
     def begin(self, observation: Observation, info: Mapping[str, Any]) -> None:
-        """Begin with a state."""
+        """Begin an episode with a state."""
+        if self._episode is not None:
+            self._episode.reset()
+        self._go_on(observation, info)
+
+    def _go_on(self, observation: Observation, info: Mapping[str, Any]) -> None:
         # Environments may use one array for all their observations.
         self.observation = copy.deepcopy(observation)
         self._facts: Facts | None
@@ -103,7 +110,7 @@ class Judge(Generic[Observation, Action]):
         if self._shaping is None:
             return self._rewarded(transition)
         before = self._potential
-        self.begin(transition.next_observation, transition.info)
+        self._go_on(transition.next_observation, transition.info)
         terms = self._shaping.terms(before, self._potential, transition.terminated)
         items: dict[str, Any] = named(reward=terms, potential=self._potential)
         if self.reports_fired:
@@ -135,9 +142,10 @@ class Judge(Generic[Observation, Action]):
 
     def _judged(self, transition: Transition[Observation, Action]) -> Outcome:
         signals, before = self._signals(transition), self.facts
-        self.begin(transition.next_observation, transition.info)
+        self._go_on(transition.next_observation, transition.info)
         facts = before if self._reward.kb.facts_at == "state" else self.facts
-        return self._reward.evaluate(facts, **signals)
+        evaluate = self._reward.evaluate if self._episode is None else self._episode.step
+        return evaluate(facts, **signals)
 
     @property
     def facts(self) -> Facts:

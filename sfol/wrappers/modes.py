@@ -138,6 +138,12 @@ def shaping_of(
                     f"the mode '{mode}' has no {name}", name=name, suggestion="mode='potential' has"
                 )
         return None
+    if reward.kb.has_memory:
+        raise UsageError(
+            f"'{reward.kb.name}' has rules over time, and a potential is one of a state alone",
+            name="potential",
+            suggestion="mode='add' adds their reward to the environment's own",
+        )
     if signals is not None:
         raise UsageError(
             "a potential has no signals of a transition",
@@ -223,6 +229,24 @@ def check_reads(
             f"'{kb.name}' does not say how the signal '{missing[0]}' is read",
             name=missing[0],
             suggestion=f"give it from or a default{instead.format('signals')}",
+        )
+
+
+def check_together(reward: RewardFunction, instead: str) -> None:
+    """Make sure that many environments can be rewarded by one evaluation.
+
+    Args:
+        reward: the reward function.
+        instead: what to do otherwise, for messages.
+
+    Raises:
+        UsageError: each has an episode of its own to remember.
+    """
+    if reward.kb.has_memory:
+        raise UsageError(
+            f"'{reward.kb.name}' has rules over time, and each environment its own past",
+            name=reward.kb.name,
+            suggestion=instead,
         )
 
 

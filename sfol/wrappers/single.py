@@ -26,7 +26,8 @@ class RuleReward(
     Facts and signals are read off observations as the knowledge base says; functions may make them
     instead, or the signals that it does not read. A step is rewarded by the facts of the state
     before it, or of the state after it if the knowledge base says `facts_at: next`. If no rule
-    concludes anything about the subject in the first episode, a `SilentZeroWarning` says so.
+    concludes anything about the subject in the first episode, a `SilentZeroWarning` says so. Rules
+    over time remember the steps since the last reset.
 
     In mode ``replace`` the reward is that of the knowledge base, R, in mode ``add`` the sum of it
     and the environment's own. In mode ``potential`` the environment's own reward is shaped by
@@ -90,7 +91,8 @@ class RuleReward(
         self._mode = mode
         self._silence = Silence(reward)
         self._hindsight: Hindsight | None = None
-        if has_goals(env.observation_space) and facts is None and signals is None:
+        alone = facts is None and signals is None and not reward.kb.has_memory
+        if has_goals(env.observation_space) and alone:
             self._hindsight = Hindsight(env.observation_space, self._native, reward, mode, shaping)
 
     def reset(
@@ -152,21 +154,24 @@ class RuleReward(
             A number, or float64 (B,).
 
         Raises:
-            UsageError: the environment has no goals, facts or signals are made by functions, or
-                info does not say what the reward needs.
+            UsageError: the environment has no goals, facts or signals are made by functions, rules
+                speak of steps that have passed, or info does not say what the reward needs.
         """
         if self._hindsight is None:
-            made = has_goals(self.env.observation_space)
-            raise UsageError(
-                "facts or signals are made by functions, which know the present alone"
-                if made
-                else "the environment has no goals",
-                name="compute_reward",
-                suggestion="let the knowledge base say how they are read off observations"
-                if made
-                else f"it must observe '{ACHIEVED}' and '{DESIRED}'",
-            )
+            raise self._no_hindsight()
         return self._hindsight.rewards(achieved_goal, desired_goal, info)
+
+    def _no_hindsight(self) -> UsageError:
+        if not has_goals(self.env.observation_space):
+            why = "the environment has no goals"
+            suggestion = f"it must observe '{ACHIEVED}' and '{DESIRED}'"
+        elif self._reward.kb.has_memory:
+            why = "rules over time can't tell what a step would have been worth with another past"
+            suggestion = "leave out operators over time and smoothing, or learn without hindsight"
+        else:
+            why = "facts or signals are made by functions, which know the present alone"
+            suggestion = "let the knowledge base say how they are read off observations"
+        return UsageError(why, name="compute_reward", suggestion=suggestion)
 
     def _native(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Return the environment's own reward with other goals."""

@@ -13,7 +13,7 @@ from sfol.observations.plans import Observation
 from sfol.reward import RewardFunction
 from sfol.wrappers.goals import refuse_hindsight
 from sfol.wrappers.judging_many import ManyJudge, Mask, Reals
-from sfol.wrappers.modes import EPISODE, FIRED, EpisodeSums, check_reads, shaping_of
+from sfol.wrappers.modes import EPISODE, FIRED, EpisodeSums, check_reads, check_together, shaping_of
 from sfol.wrappers.nested import replaced, row
 from sfol.wrappers.silence import Silence
 
@@ -40,8 +40,8 @@ class VectorRuleReward(VectorWrapper):
 
     Raises:
         UsageError: an argument is of another type or does not belong to the mode, the knowledge
-            base does not say how something is read, or the environments do not say how they begin
-            anew.
+            base does not say how something is read or has rules over time, or the environments do
+            not say how they begin anew.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class VectorRuleReward(VectorWrapper):
     ) -> None:
         expect(envs, VectorEnv, "the environments", "give a gymnasium.vector.VectorEnv")
         expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
+        check_together(reward, "wrap each in RuleReward, and make the vector of what that gives")
         shaping = shaping_of(reward, mode, potential, discount)
         check_reads(reward, signals=shaping is None)
         self._autoreset = _autoreset_mode(envs)
