@@ -390,6 +390,8 @@ def read_pattern(reader: Reader, depth: int = 0) -> Atom:
     offset = reader.offset
     kind = next((found for name, found in OPERATORS.items() if reader.sees(name)), None)
     if kind is None:
+        if depth:
+            _check_is_not_negated(reader)
         _check_is_predicate(reader)
         return reader.pattern()
     if depth == MAXIMUM_DEPTH:
@@ -403,6 +405,16 @@ def read_pattern(reader: Reader, depth: int = 0) -> Atom:
     return kind.parse(reader, depth)
 
 
+def _check_is_not_negated(reader: Reader) -> None:
+    if reader.sees("not") and not reader.sees("(", ahead=1):
+        raise ClauseError(
+            "an operator over time speaks of atoms, and 'not' makes none",
+            name="not",
+            suggestion="write not before the operator, or let a rule conclude what is not so",
+            offset=reader.offset,
+        )
+
+
 def _check_is_predicate(reader: Reader) -> None:
     """Make sure that what comes next is no misspelt operator."""
     speaks_of_atom = reader.sees("(", ahead=1) and reader.sees("(", ahead=3)
@@ -413,7 +425,7 @@ def _check_is_predicate(reader: Reader) -> None:
     raise ClauseError(
         f"there is no operator over time '{name}'",
         name=name,
-        suggestion=did_you_mean(name, OPERATORS) or f"there are {', '.join(OPERATORS)}",
+        suggestion=did_you_mean(name, OPERATORS),
         offset=offset,
     )
 

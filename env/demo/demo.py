@@ -93,7 +93,7 @@ def _explained(episodes: Sequence[Episode], kb: sfol.KnowledgeBase, console: Con
     heads = [head for group in _groups(kb).values() for head in group]
     which, index = most_dangerous(episodes)
     episode, step = episodes[which], episodes[which].steps[index]
-    explanation = str(_explain(kb, step))
+    explanation = str(_explain(kb, episodes[which].steps[: index + 1]))
     _print_summary(console, episodes, coverage(episodes, heads))
     console.print(
         f"[bold]The most dangerous moment[/]: {episode.driver} in {episode.traffic} traffic with "
@@ -141,9 +141,12 @@ def _drive_one(plan: DemoDrive, kb: sfol.KnowledgeBase, bars: Progress) -> Episo
         street.close()
 
 
-def _explain(kb: sfol.KnowledgeBase, step: Step) -> object:
-    facts = Facts.parse(step.facts, margin=kb.grounding.margin)
-    return sfol.RewardFunction(kb).explain(facts, **signals_of(step))
+def _explain(kb: sfol.KnowledgeBase, steps: Sequence[Step]) -> object:
+    """Explain the last of some steps, with those before it in mind."""
+    reward = sfol.RewardFunction(kb)
+    episode, margin = reward.episode(), kb.grounding.margin
+    *_, last = (episode.conclude(Facts.parse(step.facts, margin=margin)) for step in steps)
+    return reward.explain(last, **signals_of(steps[-1]))
 
 
 def _print_summary(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import sfol
 from sfol.engines.conclusions import Conclusions
 from sfol.errors import UsageError
+from sfol.temporal import Memory
 from vsr.entities import ClassMap, Entity, class_map, find_entities
 from vsr.facts import scene_facts
 from vsr.grounding import SegmentationGrounding
@@ -78,6 +79,7 @@ class ScenePipeline:
         self.kb = self.reward.kb
         self.grounding = self.kb.grounding_of("segmentation", SegmentationGrounding)
         self._segmenter = segmenter or SimulatorSegmenter()
+        self._remembers = self.kb.has_memory
 
     def naming(self, step: float) -> Naming:
         """Return what names the entities of an episode, picture after picture.
@@ -104,7 +106,17 @@ class ScenePipeline:
         self, entities: tuple[Entity, ...], facts: sfol.Facts, classes: ClassMap | None = None
     ) -> Scene:
         """Return the scene of what was seen; this is where its conclusions are drawn, once."""
-        return Scene(entities, facts, self.reward.conclude(facts), classes)
+        return Scene(entities, facts, self.conclude(facts), classes)
+
+    def conclude(self, facts: sfol.Facts) -> Conclusions:
+        """Return what follows from the facts of a scene alone.
+
+        Rules over time take it for the first of an episode; a street, which knows what came before,
+        puts its own conclusions in the place of these.
+        """
+        if self._remembers:
+            return self.reward.conclude_after(facts, Memory())
+        return self.reward.conclude(facts)
 
     def _read(self, segmented: NDArray[Any], naming: Naming) -> Scene:
         classes = class_map(segmented)

@@ -47,7 +47,7 @@ class TruthPerception:
         self._rays = RayCaster(world, lens, pipeline.grounding)
         self._said: tuple[list[str], list[UnratedAtom]] = [], []
         self._facts = pipeline.reward.facts()
-        self._conclusions = pipeline.reward.conclude(self._facts)
+        self._conclusions = pipeline.conclude(self._facts)
 
     def perceive(self, front: float, people: Walkers, naming: Naming = tuple) -> Scene:
         """Return what the dash camera could see.
@@ -69,7 +69,7 @@ class TruthPerception:
                 pipeline.reward.facts(), evidence.entities, said[1], pipeline.grounding
             )
             self._said, self._facts = said, facts
-            self._conclusions = pipeline.reward.conclude(facts)
+            self._conclusions = pipeline.conclude(facts)
         return Scene(evidence.entities, self._facts.copy(), self._conclusions)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from numbers import Real
 from operator import itemgetter
@@ -72,7 +72,8 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
     """Drive along a street, past a crosswalk that a parked vehicle hides in part, to the goal.
 
     The action is one number in [-1, 1], throttle above 0 and brake below; what lies outside is
-    clipped. The reward is the knowledge base's, of the facts and the speed before the action.
+    clipped. The reward is the knowledge base's, of the facts and the speed before the action. Rules
+    over time remember the steps since the last reset.
 
     ``info`` of every step has ``reward_<term>`` (they sum to the reward), ``weight_<name>``,
     ``confidence_<head>``, ``speed`` in m/s, ``position`` of ego's front in m, ``distance`` d in m
@@ -111,7 +112,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
 
     Raises:
         UsageError: an argument is none of these, there are no weights for ``unet``, or no screen
-            for ``human``.
+            for ``human``; or rules over time count on steps of another length.
         InvalidKnowledgeBase: the rules have errors.
 
     Source: paper, section "Occluded Pedestrian Crossing Scenario using CARLA".
@@ -167,6 +168,8 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
         self._perceive = PERCEPTIONS[self.perception](kb, self.world, self.lens)
         self.pipeline = self._perceive.pipeline
+        _check_step(kb, self.control_dt)
+        self._episode = self.pipeline.reward.episode() if kb.has_memory else None
 
         self._observer = self._observer_of(observation, fusion)
         self.observation_space = self._observer.space
@@ -197,6 +200,8 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self._contacts_at_rest = 0
         self._begun = True
         self._perceive.reset(self)
+        if self._episode is not None:
+            self._episode.reset()
         self._look()
         observation = self._observer(self)
         self._ended = False
@@ -331,7 +336,10 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
     def _look(self) -> None:
         """Perceive the scene as it is now, and show it where there is a window."""
         self._frame = None
-        self.scene: Scene = self._perceive(self)
+        scene = self._perceive(self)
+        if self._episode is not None:
+            scene = replace(scene, conclusions=self._episode.conclude(scene.facts))
+        self.scene: Scene = scene
         if self._window is not None:
             self._window.show(self._picture())
 
@@ -381,6 +389,17 @@ def _check_numbers(speed_limit: float, control_hz: float, max_seconds: float) ->
         raise _refused("control_hz", control_hz, f"a divisor of {PHYSICS_HZ}, such as 10")
     if not 0.0 < max_seconds < math.inf:
         raise _refused("max_seconds", max_seconds, "above 0, in s")
+
+
+def _check_step(kb: sfol.KnowledgeBase, control_dt: float) -> None:
+    """Make sure that a step is as long as rules over time say."""
+    if kb.has_memory and kb.time and not math.isclose(kb.time.step, control_dt):
+        raise UsageError(
+            f"a step of the street takes {control_dt:g} s, and one of '{kb.name}' {kb.time.step:g} "
+            f"{kb.time.unit}",
+            name="control_hz",
+            suggestion=f"let an overlay say time: {{step: {control_dt:g}, unit: s}}",
+        )
 
 
 def _seed(seed: object) -> int | None:

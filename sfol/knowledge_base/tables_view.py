@@ -38,6 +38,7 @@ def summary_table(kb: KnowledgeBase) -> Group:
                 for name, weight in kb.weights.items()
             ),
         ),
+        *_smoothed(kb),
         _table(
             "Reward, the sum of",
             ("term", "weight", "formula", "parameters"),
@@ -63,6 +64,15 @@ def summary_table(kb: KnowledgeBase) -> Group:
         *_scheduled(kb),
         *_observed(kb),
     )
+
+
+def _smoothed(kb: KnowledgeBase) -> Iterator[Table]:
+    if kb.smoothed and kb.time is not None:
+        yield _table(
+            f"Weights that follow, in {kb.time.unit} until 1/e of a change is left",
+            ("weight", "rise", "fall"),
+            ((name, f"{s.rise:g}", f"{s.fall:g}") for name, s in kb.smoothed.items()),
+        )
 
 
 def _scheduled(kb: KnowledgeBase) -> Iterator[Table]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sfol.errors import KnowledgeBaseError
+from sfol.errors import KnowledgeBaseError, UsageError
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
@@ -49,7 +49,14 @@ def measure(
 
     Raises:
         KnowledgeBaseError: there is no such test.
+        UsageError: it has rules over time, and neither single steps nor batches are worth anything.
     """
+    if kb.has_memory:
+        raise UsageError(
+            f"'{kb.name}' has rules over time, and what is measured are single steps and batches",
+            name=kb.name,
+            suggestion="measure what it extends, or the file without operators and smoothing",
+        )
     case, entity = busiest(kb)
     result: dict[str, Any] = {"knowledge_base": kb.name, "scene": case.name, "repeated": entity}
     engines = ["compiled", *(["pyreason"] if find_spec("pyreason") else [])]
