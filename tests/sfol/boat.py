@@ -39,6 +39,13 @@ terms:
   age: {weight: 1, formula: age}
 """
 
+# What makes its rules speak of steps that have passed.
+OVER_TIME = (
+    ("rules:\n", "time: {step: 1, unit: s}\nrules:\n"),
+    ("far(X) :- Boat(X), Far(X).", "far(X) :- Boat(X), once[3](Far(X))."),
+    ("coefficients: {far: 2.0}", "coefficients: {far: 2.0}, smoothing: {rise: 0.5, fall: 2}"),
+)
+
 
 class Boat(gymnasium.Env):
     """A boat that drifts at random until it is too far out or too old; its arrays are reused."""

@@ -135,6 +135,13 @@ def test_functions_make_facts_and_signals(drift, facts_at, given):
     assert compared(Tide, reward, {**functions, **given}, {**alone, **given}) > 20
 
 
+@pytest.mark.parametrize("facts_at", ["state", "next"])
+def test_rules_over_time_remember_the_steps_of_each(drift, facts_at):
+    reward = drift(facts_at, *boat.OVER_TIME)
+    assert compared(Boat, reward, {}) > 20
+    assert compared(Boat, reward, {"mode": "add"}) > 20
+
+
 def test_cartpole_in_processes_of_its_own():
     make = partial(gymnasium.make, "CartPole-v1")
     reward = sfol.RewardFunction("cartpole")

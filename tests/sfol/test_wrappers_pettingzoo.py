@@ -218,3 +218,21 @@ def test_wrong_arguments_are_refused(team, close):
     named.possible_agents = ["Walker 1"]
     with pytest.raises(UsageError, match="'Walker 1' is not a constant"):
         ParallelRuleReward(named, close, facts=close_facts, signals=gain_of)
+
+
+def test_rules_over_time_remember_the_steps_of_each_agent(tmp_path):
+    text = TEAM.replace("Crowded(X).\n", "previously(Crowded(X)).\n", 1)
+    assert text != TEAM
+    path = tmp_path / "team.yaml"
+    path.write_text(text)
+    env = ParallelRuleReward(Path(), sfol.RewardFunction(path))
+    for seed in range(3):
+        crowds = {}
+        for before, *_, infos in drive(env, seed):
+            for agent in before.keys() & infos.keys():
+                own, nearest = before[agent]
+                now = infos[agent].get("confidence_crowded")
+                if now is not None:
+                    assert now == pytest.approx(crowds.get(agent, 0.0))
+                    crowds[agent] = max(1 - abs(nearest - own) / 5, 0.0)
+        assert max(crowds.values()) > 0.0
