@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from env.cli.app import app
+from sfol.cli.inputs import path_or_name
 
 
 @app.command("frames")
@@ -82,6 +83,34 @@ def tracking_command(
     from env.tools.tracking import print_switches
 
     print_switches(episodes=episodes, seed=seed)
+@app.command("fluctuation")
+def fluctuation_command(  # noqa: PLR0913  (each is an option of the command line)
+    *,
+    episodes: Annotated[int, typer.Option(min=1, help="Through all cells in turn.")] = 24,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first episode.")] = 0,
+    before: Annotated[str, typer.Option(help="The rules that are compared with.")] = "crossing",
+    after: Annotated[str, typer.Option(help="The rules that shall be calmer.")] = "steady",
+    perception: Annotated[
+        Literal["simulator", "truth", "unet"], typer.Option(help="Where facts come from.")
+    ] = "simulator",
+    picture: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw the weights of the most restless episode, as w.png."),
+    ] = None,
+) -> None:
+    """Compare how restless the weights of two knowledge bases are, on the same drives.
+
+    The cautious driver drives; what was seen is put to both. For each weight: its total variation
+    a second under either, the ratio, and after how many steps the second one has followed where
+    the first rises. A rise is a step by which a weight grows by more than 0.05, and it is followed
+    where the other weight reaches 90 % of what it comes to.
+
+    Example: `aeb fluctuation --episodes 24 --plot runs/fluctuation.png`
+    """
+    from env.tools.fluctuation import print_fluctuation
+
+    rules = (path_or_name(before), path_or_name(after))
+    print_fluctuation(rules, episodes, seed, perception, picture)
 
 
 @app.command("renderers")

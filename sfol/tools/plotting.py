@@ -54,7 +54,19 @@ def plot(episodes: Sequence[ReplayedEpisode], path: Path) -> None:
         MissingExtraError: matplotlib is not installed.
         UsageError: the format is not known.
     """
-    figure = _drawn(episodes[:MOST_EPISODES])
+    save(_drawn(episodes[:MOST_EPISODES]), path)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure into a file.
+
+    Args:
+        figure: whatever was drawn.
+        path: the image; its ending names the format, such as ``.png`` or ``.svg``.
+
+    Raises:
+        UsageError: the format is not known.
+    """
     kind = path.suffix.lstrip(".").lower()
     known = figure.canvas.get_supported_filetypes()
     if kind not in known:
