@@ -224,7 +224,15 @@ class KnowledgeBase(Parts):
         Raises:
             MissingExtraError: PyReason is not installed.
             FactError: a fact does not fit the knowledge base.
+            KnowledgeBaseError: a body has an operator over time.
         """
+        if self.timed:
+            name = self.timed[0].operator.name
+            raise KnowledgeBaseError(
+                f"a program for PyReason has no memory, and '{self.name}' says '{name}'",
+                name=name,
+                suggestion="let RewardFunction(kb, engine='pyreason').episode() take the steps",
+            )
         from sfol.engines.pyreason import PyReasonEngine  # noqa: PLC0415
 
         return PyReasonEngine(self).to_pyreason(facts)
