@@ -158,6 +158,7 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self.metadata = {**self.metadata, "render_fps": control_hz}
 
         kb = rules if isinstance(rules, sfol.KnowledgeBase) else sfol.KnowledgeBase.load(rules)
+        _check_step(kb, self.control_dt)
         self._ego_parameters = EgoParameters(top_speed=speed_limit / 3.6)
         car = self._ego_parameters
         size = VehicleSize(car.length, car.width, car.height)
@@ -168,7 +169,6 @@ class OccludedCrossing(NotCopied, gymnasium.Env[Observation, npt.NDArray[np.floa
         self.corridor = Corridor(self.world.geometry.ego_lane, car.width)
         self._perceive = PERCEPTIONS[self.perception](kb, self.world, self.lens)
         self.pipeline = self._perceive.pipeline
-        _check_step(kb, self.control_dt)
         self._episode = self.pipeline.reward.episode() if kb.has_memory else None
 
         self._observer = self._observer_of(observation, fusion)
