@@ -83,7 +83,7 @@ def label(  # noqa: PLR0913 (options)
             asked for.
         FileError: a file can't be read.
         UsageError: an argument is of another type, there is no data, the folder has labels of
-            other data or rules, a column has the name of a label, or the folder can't be written
+            other data or rules, the rules speak of steps that have passed, a column has the name of a label, or the folder can't be written
             to.
         SfolError: rows have no reward; the error says which, and why.
     """
@@ -94,6 +94,15 @@ def label(  # noqa: PLR0913 (options)
     source, folder = _source(data), Path(folder)
     parts = {folder / f"part-{i:05}.parquet": p for i, p in enumerate(source.pieces(part_rows))}
     rows = sum(piece.rows for piece in parts.values())
+    if reward.kb.has_memory:
+        raise UsageError(
+            f"'{reward.kb.name}' has rules over time, and rows are labelled each for itself",
+            name=reward.kb.name,
+            suggestion="take the steps of each episode in order: reward.episode()",
+        )
+    files, folder = _files(Path(data)), Path(folder)
+    parts = list(_parts(files, folder, part_rows))
+    rows = sum(part.rows for part in parts)
     with locked_folder(folder):
         _check_same(folder, _about(source, reward, part_rows))
         for left in folder.glob("part-*.parquet.*.part"):  # by a process that was killed

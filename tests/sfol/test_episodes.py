@@ -211,7 +211,8 @@ def test_many_observations_are_refused(load):
         "observation:\n  place: {fields: [x]}\nfacts:\n  Near(pilot): place.x\nweights:",
     )
     reward = sfol.RewardFunction(load(text))
-    for ask in (reward.transitions, reward.weights_of_many, reward.fired_of_many):
+    many = (reward.transitions, reward.weights_of_many, reward.fired_of_many, reward.on_tensors)
+    for ask in many:
         with pytest.raises(UsageError, match="what a step is worth depends on those before it"):
             ask(numpy.ones((3, 1)))
 

@@ -239,3 +239,15 @@ def test_the_command(tmp_path, hall, data):
     again = command("label", data, "--rules", "aeb_state")
     assert again.code == 2
     assert "other rules" in again.err
+
+
+def test_rules_over_time_are_refused_before_anything_is_written(tmp_path, data):
+    (tmp_path / "hall.yaml").write_text(HALL)
+    (tmp_path / "later.yaml").write_text(
+        "version: 1\nname: later\nextends: hall\nrules:\n"
+        "  again: again(X) :- previously(again(X)).\n"
+        "weights:\n  again: {normalizer: 1, coefficients: {again: 1}}\n"
+    )
+    with pytest.raises(UsageError, match="'later' has rules over time"):
+        label(data, tmp_path / "labels", sfol.RewardFunction(tmp_path / "later.yaml"))
+    assert not (tmp_path / "labels").exists()
