@@ -83,8 +83,8 @@ def label(  # noqa: PLR0913 (options)
             asked for.
         FileError: a file can't be read.
         UsageError: an argument is of another type, there is no data, the folder has labels of
-            other data or rules, the rules speak of steps that have passed, a column has the name of a label, or the folder can't be written
-            to.
+            other data or rules, the rules speak of steps that have passed, a column has the name of
+            a label, or the folder can't be written to.
         SfolError: rows have no reward; the error says which, and why.
     """
     for path in (data, folder):
