@@ -85,19 +85,22 @@ class Timeline:
         return replace(conclusions, memory=Memory(memory.step + 1, atoms))
 
     def smoothed(
-        self, conclusions: Conclusions, weights: Mapping[str, float], before: Memory
+        self,
+        conclusions: Conclusions,
+        before: Memory,
+        weigh: Callable[[Conclusions], Mapping[str, float]],
     ) -> Conclusions:
         """Return the conclusions of a step with the weights that follow those of the step before.
 
         Args:
             conclusions: of the step.
-            weights: what these come to by themselves.
             before: what is remembered of the steps before.
+            weigh: returns what weights come to by themselves.
         """
         after = conclusions.memory
         if after is None or not self._smoothing:
             return conclusions
-        follow = {}
+        weights, follow = weigh(conclusions), {}
         for name, smoothing in self._smoothing.items():
             new = weights[name]
             old = before.weights.get(name, new)

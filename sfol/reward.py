@@ -562,8 +562,7 @@ class RewardFunction:
         if not self._warned:
             self._warn_once(_facts(facts).entities())
         conclusions = self._timeline.conclude(_facts(facts), memory)
-        weights = self._weighed(self._confidences(self._bounds(conclusions)))
-        return self._timeline.smoothed(conclusions, weights, memory)
+        return self._timeline.smoothed(conclusions, memory, self.weights)
 
     @overload
     def evaluate(self, facts: Facts | Conclusions, /, **signals: float) -> Outcome: ...
