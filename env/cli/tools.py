@@ -83,6 +83,8 @@ def tracking_command(
     from env.tools.tracking import print_switches
 
     print_switches(episodes=episodes, seed=seed)
+
+
 @app.command("fluctuation")
 def fluctuation_command(  # noqa: PLR0913  (each is an option of the command line)
     *,

@@ -90,19 +90,16 @@ def label(  # noqa: PLR0913 (options)
     for path in (data, folder):
         expect(path, (str, Path), "a path", "give a text or a pathlib.Path")
     expect(reward, RewardFunction, "the reward", "give a sfol.RewardFunction")
-    _check_pyarrow()
-    source, folder = _source(data), Path(folder)
-    parts = {folder / f"part-{i:05}.parquet": p for i, p in enumerate(source.pieces(part_rows))}
-    rows = sum(piece.rows for piece in parts.values())
     if reward.kb.has_memory:
         raise UsageError(
             f"'{reward.kb.name}' has rules over time, and rows are labelled each for itself",
             name=reward.kb.name,
             suggestion="take the steps of each episode in order: reward.episode()",
         )
-    files, folder = _files(Path(data)), Path(folder)
-    parts = list(_parts(files, folder, part_rows))
-    rows = sum(part.rows for part in parts)
+    _check_pyarrow()
+    source, folder = _source(data), Path(folder)
+    parts = {folder / f"part-{i:05}.parquet": p for i, p in enumerate(source.pieces(part_rows))}
+    rows = sum(piece.rows for piece in parts.values())
     with locked_folder(folder):
         _check_same(folder, _about(source, reward, part_rows))
         for left in folder.glob("part-*.parquet.*.part"):  # by a process that was killed
