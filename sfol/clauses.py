@@ -88,6 +88,11 @@ class Body:
         return frozenset(atom.predicate for lit in self.literals for atom in lit.atoms)
 
     @property
+    def asked(self) -> frozenset[str]:
+        """The predicates of its literals, those of operators over time among them."""
+        return frozenset(literal.atom.predicate for literal in self._atom_literals)
+
+    @property
     def present(self) -> frozenset[str]:
         """Those whose atoms of the same step it depends on."""
         return frozenset(atom.predicate for lit in self._atom_literals for atom in lit.atom.present)

@@ -158,8 +158,8 @@ def _levels(kb: KnowledgeBase) -> dict[str, int]:
             operands = () if name.operator.strict else name.operands
             return max((level(a.predicate) + (a.predicate in heads) for a in operands), default=0)
         rules = (rule for rule in kb.rules.values() if rule.clause.head.predicate == name)
-        literals = (literal for rule in rules for literal in rule.clause.body.atom_literals)
-        return max((level(literal.atom.predicate) for literal in literals), default=0)
+        read = (name for rule in rules for name in rule.clause.body.asked)
+        return max(map(level, read), default=0)
 
     for name in (*kb.timed, *heads):
         level(name)

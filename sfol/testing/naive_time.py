@@ -32,8 +32,8 @@ def said_of(kb: KnowledgeBase, rules: Sequence[Rule], steps: Sequence[Known]) ->
     """
     entities = {name for known in steps for atom in known for name in atom.arguments}
     names = sorted(entities | {kb.subject})
-    literals = [literal for rule in rules for literal in rule.clause.body.atom_literals]
-    spoken = {lit.atom.predicate for lit in literals if isinstance(lit.atom.predicate, Timed)}
+    asked = {name for rule in rules for name in rule.clause.body.asked}
+    spoken = {name for name in asked if isinstance(name, Timed)}
     said = {}
     for predicate in spoken:
         for arguments in itertools.product(names, repeat=predicate.arity):

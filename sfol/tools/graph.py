@@ -69,10 +69,6 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
             for name in () if isinstance(literal, Count) else (a.predicate for a in literal.atoms):
                 source = heads.get(name, GraphNode("predicate", name))
                 graph.add_edge(source, node, negated=negated)
-        for literal in rule.clause.body.atom_literals:
-            for name in dict.fromkeys(atom.predicate for atom in literal.atoms):
-                source = heads.get(name, GraphNode("predicate", name))
-                graph.add_edge(source, node, negated=isinstance(literal, Negated))
         graph.add_edge(node, heads[rule.clause.head.predicate], certainty=rule.certainty)
     for name, weight in kb.weights.items():
         graph.add_node(GraphNode("weight", name))
