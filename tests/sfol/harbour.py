@@ -16,7 +16,8 @@ predicates:
   Warned(X): X was warned.
   Behind(X, Y): X is behind Y.
 rules:
-  said: said(X) :- BODY.
+  said: >
+    said(X) :- BODY.
 MOREweights:
   said: {normalizer: 1, coefficients: {said: 1}}
 terms:

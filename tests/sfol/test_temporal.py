@@ -118,6 +118,15 @@ def test_constants_and_connectives():
     assert course(body, scenes) == [(1.0, 1.0), NO, (1.0, 1.0)]
 
 
+def test_operators_stand_in_counts():
+    warned = "Warned(pilot)."
+    scenes = ["Near(a1).", warned, f"Near(a2). {warned}", warned, warned]
+    body = "Warned(X), count(P : once[1](Near(P))) >= 2"
+    assert [b is not None for b in course(body, scenes)] == [
+        False, False, True, False, False,
+    ]  # fmt: skip
+
+
 def test_conditions_of_entity_weights():
     more = "entity_weights:\n  - {when: 'once[0.5](Near(X))', weight: 0.75}\n"
     reward = sfol.RewardFunction(harbour("Near(X)", more=more))
