@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 
 from sfol.clauses import Body, parse_conditions, parse_rule
 from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
@@ -34,6 +35,7 @@ from sfol.knowledge_base.parts import (
 )
 from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.knowledge_base.schedules import checked_schedules
+from sfol.literals import AtomLiteral
 from sfol.operators import CONJUNCTIONS, POOLED
 from sfol.syntax import (
     Atom,
@@ -386,12 +388,23 @@ class _Checker:
             TopologicalSorter(dependencies(rules.values())).prepare()
         except CycleError as error:
             cycle: list[str] = error.args[1]
-            first = next(r for r in rules.values() if r.clause.head.predicate in cycle)
+            steps = set(pairwise(cycle))  # each from what is read to the head that reads it
+            rule, literal = next(
+                read
+                for read in sorted(_reads(rules.values()), key=lambda read: read[1].monotone)
+                if (read[1].atom.predicate, read[0].clause.head.predicate) in steps
+            )
+            why = (
+                "a bound would be taken from itself"
+                if literal.monotone
+                else f"'{literal}' would deny what follows from it"
+            )
             self._reporter.report(
-                ("rules", first.entry, "rule"),
-                f"rules depend on each other in a circle: {' → '.join(cycle)}",
-                first.clause.head.predicate,
-                "a head may be used in other bodies, but not in its own derivation",
+                ("rules", rule.entry, "rule"),
+                f"rules depend on each other in a circle: {' → '.join(cycle)}; {why}",
+                rule.clause.head.predicate,
+                "a head may be used in other bodies, but not in its own derivation: leave "
+                f"'{literal}' out of the rule '{rule.entry}'",
             )
 
     # -- the rest -----------------------------------------------------------------------------
@@ -541,6 +554,11 @@ class _Checker:
         for head, pair in expect.bounds.items():
             if pair is not None:
                 self._reporter.parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
+
+
+def _reads(rules: Iterable[Rule]) -> Iterator[tuple[Rule, AtomLiteral]]:
+    """Yield every rule with each literal that its body reads."""
+    return ((rule, literal) for rule in rules for literal in rule.clause.body.atom_literals)
 
 
 def _first_name(text: str) -> list[str]:

@@ -202,6 +202,27 @@ def test_a_cycle_is_printed(kitchen):
                  "  a: a(X) :- b(X).\n  care: careful"})  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("rules", "circle", "why", "suggestion"),
+    [
+        (("a(X) :- Hot(X), a(X).",), "a → a", "a bound would be taken from itself", "'a(X)'"),
+        (("a(X) :- Hot(X), not a(X).",), "a → a", "'not a(X)' would deny what", "'not a(X)'"),
+        (
+            ("a(X) :- b(X).", "b(X) :- a(X).", "b(X) :- Hot(X), not a(X)."),
+            r"(a → b → a|b → a → b)",
+            "'not a(X)' would deny what follows from it",
+            "leave 'not a(X)' out of the rule 'r2'",
+        ),
+    ],
+)
+def test_a_cycle_says_why_it_is_refused(kitchen, rules, circle, why, suggestion):
+    lines = "".join(f"  r{number}: {rule}\n" for number, rule in enumerate(rules))
+    with pytest.raises(InvalidKnowledgeBase, match="in a circle") as caught:
+        kitchen({"Hot(P), Near": "a(P), Near", "  care: careful": f"{lines}  care: careful"})
+    assert re.search(f"in a circle: {circle}; {re.escape(why)}", str(caught.value))
+    assert suggestion in str(caught.value)
+
+
 def test_a_misspelt_head_is_caught(kitchen):
     with pytest.raises(InvalidKnowledgeBase, match="did you mean 'careful'"):
         kitchen({"  care: careful(X)": "  other: carefull(X) :- Hot(X).\n  care: careful(X)"})
