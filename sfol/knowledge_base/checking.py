@@ -392,7 +392,10 @@ class _Checker:
             rule, literal = next(
                 read
                 for read in sorted(_reads(rules.values()), key=lambda read: read[1].monotone)
-                if (read[1].atom.predicate, read[0].clause.head.predicate) in steps
+                if any(
+                    (atom.predicate, read[0].clause.head.predicate) in steps
+                    for atom in read[1].atom.present
+                )
             )
             why = (
                 "a bound would be taken from itself"
@@ -557,8 +560,13 @@ class _Checker:
 
 
 def _reads(rules: Iterable[Rule]) -> Iterator[tuple[Rule, AtomLiteral]]:
-    """Yield every rule with each literal that its body reads."""
-    return ((rule, literal) for rule in rules for literal in rule.clause.body.atom_literals)
+    """Yield every rule with each literal that its body reads, also in a count."""
+    return (
+        (rule, literal)
+        for rule in rules
+        for literal in rule.clause.body.all_literals
+        if isinstance(literal, AtomLiteral)
+    )
 
 
 def _first_name(text: str) -> list[str]:
