@@ -172,7 +172,7 @@ def lost_pooled_bound(monkeypatch):
 def lost_ground_rule(monkeypatch):
     right = translation.PyReasonEngine._grounded
     monkeypatch.setattr(
-        translation.PyReasonEngine, "_grounded", lambda self, body, scene: right(self, body, scene)[1:]
+        translation.PyReasonEngine, "_grounded", lambda *given, pools: right(*given, pools=pools)[1:]
     )  # fmt: skip
 
 
