@@ -19,6 +19,7 @@ from env.demo.episode import Episode, Step
 from env.demo.moment import moment_pictures
 from env.demo.recording import coverage, drive, most_dangerous, signals_of, write_log
 from env.demo.report import Focus, Provenance, write_report
+from env.driving.drivers import Driver
 from env.driving.policies import TRAINED, make_driver
 from env.street.crossing import OccludedCrossing
 from env.world.actors import Behaviour
@@ -117,11 +118,12 @@ def _drive_all(
         TextColumn("{task.completed:3.0f} of {task.total:.0f} m"),
         TimeElapsedColumn(),
     )
+    drivers = {name: make_driver(name) for name in dict.fromkeys(plan.driver for plan in plans)}
     with Progress(*columns, console=console) as bars:
-        return [_drive_one(plan, kb, bars) for plan in plans]
+        return [_drive_one(plan, drivers[plan.driver], kb, bars) for plan in plans]
 
 
-def _drive_one(plan: DemoDrive, kb: sfol.KnowledgeBase, bars: Progress) -> Episode:
+def _drive_one(plan: DemoDrive, driver: Driver, kb: sfol.KnowledgeBase, bars: Progress) -> Episode:
     street = OccludedCrossing(
         traffic=plan.traffic, occlusion=plan.occlusion, behaviour=plan.behaviour, rules=kb
     )
@@ -131,7 +133,7 @@ def _drive_one(plan: DemoDrive, kb: sfol.KnowledgeBase, bars: Progress) -> Episo
     try:
         return drive(
             street,
-            make_driver(plan.driver),
+            driver,
             plan.seed,
             name=plan.driver,
             progress=lambda step: bars.update(bar, completed=step.position),

@@ -13,8 +13,10 @@ from importlib import import_module
 _MODULES = (
     "pybullet",
     "stable_baselines3",
-    "openvino",
-    "env.driving.policies",
+    "vsr.networks.autoencoder",
+    "vsr.networks.openvino_runtime",
+    "env.driving.policy_files",
+    "env.perception.description",
     "env.street.crossing",
 )
 
