@@ -29,7 +29,7 @@ from sfol.reading import text_of
 from sfol.reward import RewardFunction
 from sfol.tools.label_minari import MinariEpisodes, folder_of
 from sfol.tools.label_parquet import ParquetFiles
-from sfol.tools.label_sources import Batch, Piece, Source
+from sfol.tools.label_sources import Batch, Piece, StepSource
 from sfol.tools.ray_cluster import on_ray
 from sfol.writing import replacing
 
@@ -119,12 +119,12 @@ def _check_pyarrow() -> None:
         raise missing_extra("pyarrow", "data in Parquet files needs it", extra="parquet")
 
 
-def _source(data: str | Path) -> Source:
+def _source(data: str | Path) -> StepSource:
     found = folder_of(data)
     return ParquetFiles(Path(data)) if found is None else MinariEpisodes(found.resolve())
 
 
-def _about(source: Source, reward: RewardFunction, part_rows: int) -> dict[str, Any]:
+def _about(source: StepSource, reward: RewardFunction, part_rows: int) -> dict[str, Any]:
     """Return what decides the content of parts."""
     return {
         "format": _FORMAT,
@@ -166,7 +166,7 @@ def _text(about: Mapping[str, Any]) -> str:
 
 
 def _written(
-    parts: Mapping[Path, Piece], source: Source, reward: RewardFunction, ray: str | None
+    parts: Mapping[Path, Piece], source: StepSource, reward: RewardFunction, ray: str | None
 ) -> Iterator[int]:
     """Write parts, and yield now and then how many rows were labelled since."""
     if ray is None:
@@ -180,11 +180,11 @@ def _written(
     yield from on_ray(partial(_write_whole, source, reward), there, ray)
 
 
-def _write_whole(source: Source, reward: RewardFunction, part: tuple[Path, Piece]) -> int:
+def _write_whole(source: StepSource, reward: RewardFunction, part: tuple[Path, Piece]) -> int:
     return sum(_write(*part, source, reward))
 
 
-def _write(path: Path, piece: Piece, source: Source, reward: RewardFunction) -> Iterator[int]:
+def _write(path: Path, piece: Piece, source: StepSource, reward: RewardFunction) -> Iterator[int]:
     """Write a part, and yield after each batch how many rows it had."""
     import pyarrow as pa  # noqa: PLC0415  (an extra, and slow to import)
     import pyarrow.parquet as pq  # noqa: PLC0415

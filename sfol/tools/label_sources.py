@@ -49,7 +49,7 @@ class Batch:
     signals: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Source(Protocol):
+class StepSource(Protocol):
     """Recorded steps, in an order that does not change."""
 
     def about(self) -> list[dict[str, Any]]:
