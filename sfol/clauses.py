@@ -6,10 +6,11 @@ The grammar, with `?` optional and `*` repeated; atoms and terms are those of `s
     condition =  body
     body      =  unit ("," unit)* | unit ("or" unit)* | unit "implies" unit
     unit      =  literal | "(" body ")"
-    literal   =  inner | count
+    literal   =  inner | count | forall
     inner     =  pattern (">=" number)? | "not" pattern | term "!=" term
     count     =  "count" counting ">=" integer | "exists" counting
     counting  =  "(" variable ("," variable)* ":" inner ("," inner)* ")"
+    forall    =  "forall" counting "(" inner ("," inner)* ")"
     pattern   =  atom, any of whose arguments may be "_" | timed
     timed     =  ("previously" | "rose" | "fell") "(" pattern ")"
               |  ("once" | "held") "[" number "]" "(" pattern ")"
@@ -29,7 +30,7 @@ from itertools import chain, count
 
 from sfol.connectives import AND, IMPLIES, OR, Joined, Tree, opposite, ways
 from sfol.errors import ClauseError
-from sfol.literals import KINDS, AtomLiteral, Count, Literal
+from sfol.literals import KINDS, AtomLiteral, Literal, Quantified
 from sfol.syntax import ANONYMOUS, Atom, Reader, Timed, variables
 
 MAXIMUM_LITERALS = 64
@@ -41,8 +42,8 @@ class Body:
     """What must hold.
 
     Attributes:
-        literals: those that stand for atoms first, then guards and counts, each in the order of
-            the text. An anonymous variable of a literal that binds is called ``_1``, ``_2`` and so
+        literals: those that stand for atoms first, then guards, counts and foralls, each in the
+            order of the text. An anonymous variable of a literal that binds is called ``_1``, ``_2`` and so
             on.
         offsets: where each name stands in the text, for error messages.
     """
@@ -55,7 +56,7 @@ class Body:
         taken = {term for literal in ordered for term in literal.terms}
         names = (name for n in count(1) if (name := f"{ANONYMOUS}{n}") not in taken)
         apart = tuple([literal.named_apart(names) for literal in ordered])
-        if Count in map(type, apart):  # explanations make thousands of bodies, and few count
+        if any(issubclass(kind, Quantified) for kind in set(map(type, apart))):
             apart = tuple(_beside_each_other(apart))
         object.__setattr__(self, "literals", apart)
 
@@ -68,14 +69,16 @@ class Body:
         return tuple(lit for lit in self.literals if isinstance(lit, AtomLiteral))
 
     @property
-    def counts(self) -> tuple[Count, ...]:
-        """The literals that count."""
-        return tuple(lit for lit in self.literals if isinstance(lit, Count))
+    def quantified(self) -> tuple[Quantified, ...]:
+        """The literals that have others inside: counts and foralls."""
+        return tuple(lit for lit in self.literals if isinstance(lit, Quantified))
 
     @property
     def all_literals(self) -> tuple[Literal, ...]:
-        """The literals, each count followed by those inside of it."""
-        inside = ((lit, *(lit.literals if isinstance(lit, Count) else ())) for lit in self.literals)
+        """The literals, each count or forall followed by those inside of it."""
+        inside = (
+            (lit, *(lit.literals if isinstance(lit, Quantified) else ())) for lit in self.literals
+        )
         return tuple(chain.from_iterable(inside))
 
     @property
@@ -117,9 +120,9 @@ class Body:
 
 
 def _beside_each_other(literals: Sequence[Literal]) -> Iterator[Literal]:
-    """Yield literals that know which of their variables stand outside of any count as well."""
-    outside = {term for lit in literals if not isinstance(lit, Count) for term in lit.terms}
-    return (lit.within(outside) if isinstance(lit, Count) else lit for lit in literals)
+    """Yield literals that know which of their variables stand outside of any of them as well."""
+    outside = {term for lit in literals if not isinstance(lit, Quantified) for term in lit.terms}
+    return (lit.within(outside) if isinstance(lit, Quantified) else lit for lit in literals)
 
 
 def _timed(predicate: str) -> Iterator[Timed]:

@@ -20,8 +20,8 @@ from sfol.engines.tables import Tables
 from sfol.errors import expect
 from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
-from sfol.literals import AtomLiteral, Counted, Literal
-from sfol.literals.search import WORK_LIMIT, Constants
+from sfol.literals import AtomLiteral, Counted, Literal, NoCounterexample, Ranging
+from sfol.literals.search import WORK_LIMIT, Constants, Row
 from sfol.outcome import Outcome
 from sfol.syntax import Atom, Timed, variables
 
@@ -52,7 +52,8 @@ class Node:
 
     Attributes:
         kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
-            ``fact``, ``counted`` (one of those that a count counts), ``nothing`` (a head that was
+            ``fact``, ``counted`` (one of those that a count counts), ``of`` (one of those of whom a
+            forall speaks), ``nothing`` (a head that was
             not concluded) or ``miss`` (a rule that did not fire, with what it lacked).
         text: the statement, in one line.
         values: its numbers and names, for programs.
@@ -270,6 +271,8 @@ class _Prover:
         plan = self._engine.program.head_plan(rule)
         support = plan.support(self._tables, given)
         for index, literal in enumerate(plan.body.atom_literals):
+            if isinstance(literal, Ranging):
+                continue
             yield self._literal(literal, [key for number, key in support if number == index])
 
     def _literal(self, literal: AtomLiteral, keys: Sequence[Constants]) -> Node:
@@ -293,6 +296,8 @@ class _Prover:
         assert bound is not None, f"{literal} holds"
         if isinstance(literal, Counted):
             return self._count(literal, bound)
+        if isinstance(literal, NoCounterexample):
+            return self._of_all(literal, bound)
         derived = literal.monotone and atom in self._outcome.derived
         source = "derived" if derived else self._origin(literal)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
@@ -302,22 +307,42 @@ class _Prover:
     def _count(self, literal: Counted, bound: Bound) -> Node:
         """Return a node for a count, with all that count, the best of them first."""
         ones = sorted(literal.ones(self._tables), key=lambda one: one[1], reverse=True)
+        names, each = literal.count.quantified, literal.each.predicate
+        below = self._each("counted", names, ones, lambda key: self._inside(each, key))
+        values = {"literal": str(literal), "bound": list(bound), "counted": len(ones)}
+        return Node("literal", f"{literal} {bound}  {len(ones)} counted", values, below)
+
+    def _of_all(self, literal: NoCounterexample, bound: Bound) -> Node:
+        """Return a node for a forall, with all of whom it speaks, the worst of them first."""
+        found = [(key, literal.bound(c)) for key, c in literal.counterexamples(self._tables)]
+        names = literal.forall.quantified
+        below = self._each("of", names, found, lambda key: self._inside(literal.holding, key))
+        values = {"literal": str(literal), "bound": list(bound), "of": len(found)}
+        return Node("literal", f"{literal} {bound}  of {len(found)}", values, below)
+
+    def _each(
+        self,
+        kind: str,
+        names: Sequence[str],
+        ones: Sequence[Row],
+        inside: Callable[[Constants], Iterator[Node]],
+    ) -> tuple[Node, ...]:
+        """Return a node for each of those of whom a literal speaks."""
         shown = ones[: max(self._left, 1)]
         self._left -= len(shown)
-        counted = literal.count.counted
-        below = [self._one(literal.each.predicate, key, counted, one) for key, one in shown]
-        below += [_left_out()] if len(shown) < len(ones) else []
-        values = {"literal": str(literal), "bound": list(bound), "counted": len(ones)}
-        text = f"{literal} {bound}  {len(ones)} counted"
-        return Node("literal", text, values, tuple(below))
+        nodes = []
+        for key, bound in shown:
+            values = dict(zip(names, key, strict=False))
+            text = f"{', '.join(f'{name} = {value}' for name, value in values.items())}  {bound}"
+            below = tuple(inside(key)) if self._left > 0 else (_left_out(),)
+            nodes.append(Node(kind, text, {"values": values, "bound": list(bound)}, below))
+        return (*nodes, *([_left_out()] if len(shown) < len(ones) else []))
 
-    def _one(self, each: str, key: Constants, counted: Sequence[str], bound: Bound) -> Node:
-        """Return a node for one that counts, with the literals that it satisfies."""
-        values = dict(zip(counted, key, strict=False))
-        text = f"{', '.join(f'{name} = {value}' for name, value in values.items())}  {bound}"
-        (rule, _), *_ = self._engine.program.rules[each]
-        below = tuple(self._literals(rule, list(key))) if self._left > 0 else (_left_out(),)
-        return Node("counted", text, {"values": values, "bound": list(bound)}, below)
+    def _inside(self, head: str, key: Constants) -> Iterator[Node]:
+        """Yield the literals that one of those satisfies; none if it does not."""
+        if self._tables.bound(Atom(head, key)) is not None:
+            (rule, _), *_ = self._engine.program.rules[head]
+            yield from self._literals(rule, list(key))
 
     def _proofs_below(self, atom: Atom) -> tuple[Node, ...]:
         if self._left <= 0 or self._levels >= _SHOWN_LEVELS:

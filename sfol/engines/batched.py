@@ -16,7 +16,7 @@ from sfol.arrays import Array, Backend
 from sfol.engines.batch import Batch, Groundings, Patterns, Stratum
 from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import Semantics
-from sfol.operators import BEST, CONJUNCTIONS, DISJUNCTIONS, Gathering, Operator
+from sfol.operators import BEST, DISJUNCTIONS, Gathering, Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +67,9 @@ class _Evaluation:
 
     def __init__(self, batch: Batch, backend: Backend) -> None:
         semantics: Semantics = batch.program.knowledge_base.semantics
-        self._conjunction: Operator = CONJUNCTIONS[semantics.conjunction]
         self._disjunction: Operator = DISJUNCTIONS[semantics.disjunction]
         self._gathers = batch.program.gathers
+        self._conjunctions = batch.program.conjunctions
         self._batch = batch
         self.backend = backend
         self._lower = backend.real(batch.lower)
@@ -163,7 +163,7 @@ class _Evaluation:
 
     def _pooled(self, rule: Groundings, heads: int) -> Bounds:
         """Combine each literal's distinct atoms, all together."""
-        backend, pool = self.backend, self._conjunction.pooled
+        backend, pool = self.backend, self._conjunctions[rule.rule.name].pooled
         assert pool is not None  # a checked knowledge base pools only where that is defined
         satisfies = self._satisfying(rule)
         lower = upper = count = backend.full(heads, 0.0)
@@ -199,15 +199,15 @@ class _Evaluation:
 
     def _combined(self, rule: Groundings) -> tuple[Array, tuple[Array, Array]]:
         """Return of the substitutions that satisfy a body their heads, and what each comes to."""
-        backend = self.backend
+        backend, conjunction = self.backend, self._conjunctions[rule.rule.name]
         satisfies = self._satisfying(rule)
         bounds = [
             literal.batch_bounds(self, backend.array(rows)[satisfies])
             for literal, rows in zip(rule.literals, rule.rows, strict=True)
         ]
         ends = (
-            self._conjunction.elementwise([lower for lower, _ in bounds]),
-            self._conjunction.elementwise([upper for _, upper in bounds]),
+            conjunction.elementwise([lower for lower, _ in bounds]),
+            conjunction.elementwise([upper for _, upper in bounds]),
         )
         return backend.array(rule.heads)[satisfies], ends
 

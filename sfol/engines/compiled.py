@@ -17,7 +17,6 @@ from sfol.literals import Search
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.operators import (
     BEST,
-    CONJUNCTIONS,
     DISJUNCTIONS,
     Gathering,
     Operator,
@@ -45,10 +44,13 @@ class CompiledEngine:
         self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
         rules = [rule for rules in self.program.rules.values() for rule, _ in rules]
-        plain, gathers = CONJUNCTIONS[kb.semantics.conjunction], self.program.gathers
-        self._conjunctions = {rule.name: with_certainty(plain, rule.certainty) for rule in rules}
+        plain, gathers = self.program.conjunctions, self.program.gathers
+        self._conjunctions = {
+            rule.name: with_certainty(plain[rule.name], rule.certainty) for rule in rules
+        }
         self._gatherers: dict[str, _Gatherer] = {
-            rule.name: _gatherer(gathers[rule.name], plain, rule.certainty) for rule in rules
+            rule.name: _gatherer(gathers[rule.name], plain[rule.name], rule.certainty)
+            for rule in rules
         }
         # To try all values of more than two variables takes longer than a search, which has a
         # limit.
@@ -77,8 +79,8 @@ class CompiledEngine:
             for atom, bound in conclude(tables):
                 derived[atom] = bound
                 tables.put(atom, bound)
-        if self.program.counting:
-            derived = {a: b for a, b in derived.items() if a.predicate not in self.program.counting}
+        if further := self.program.auxiliary:
+            derived = {atom: b for atom, b in derived.items() if atom.predicate not in further}
         everything = _Derived(derived, lambda: self._others(tables))
         return Conclusions(tables, everything, self.program)
 

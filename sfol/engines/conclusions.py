@@ -41,7 +41,7 @@ class Conclusions:
         return frozenset(
             name
             for head, rules in self._program.rules.items()
-            if head not in self._program.counting
+            if head not in self._program.auxiliary
             for rule, plan in rules
             if plan.holds(self.tables)
             for name in (rule.name, rule.entry)

@@ -28,7 +28,7 @@ from sfol.engines.program import Program
 from sfol.errors import WorkLimitError
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import AtomLiteral, Literal
-from sfol.operators import BEST, CONJUNCTIONS, DISJUNCTIONS, Gathering
+from sfol.operators import BEST, DISJUNCTIONS, Gathering
 from sfol.syntax import ANONYMOUS, is_variable, variables
 
 Axes = tuple[str, ...]  # the domain of each argument
@@ -196,7 +196,7 @@ class DenseProgram:
         rules = (
             rule
             for head, rules in self.program.rules.items()
-            if head not in self.program.counting
+            if head not in self.program.auxiliary
             for rule, _ in rules
         )
         return {rule.name: list(self._typed((rule, {}), self._known, _NONE)) for rule in rules}
@@ -337,9 +337,9 @@ class _Evaluation:
         offsets: Mapping[str, int],
     ) -> None:
         semantics = program.program.knowledge_base.semantics
-        self._conjunction = CONJUNCTIONS[semantics.conjunction]
         self._disjunction = DISJUNCTIONS[semantics.disjunction]
         self._gathers = program.program.gathers
+        self._conjunctions = program.program.conjunctions
         self._places = program.domains.places
         self._sizes = sizes
         self._offsets = offsets
@@ -396,7 +396,7 @@ class _Evaluation:
 
     def _pooled(self, typed: Sequence[_Typed]) -> Bounds:
         """Combine each literal's distinct atoms, all together."""
-        backend, pool = self.backend, self._conjunction.pooled
+        backend, pool = self.backend, self._conjunctions[typed[0].rule.name].pooled
         assert pool is not None  # a checked knowledge base pools only where that is defined
         supports: dict[frozenset[tuple[str, str]], tuple[Array, Names, _Typed]] = {}
         for rule in typed:
@@ -440,7 +440,7 @@ class _Evaluation:
 
     def _best(self, typed: Sequence[_Typed]) -> Bounds:
         """Combine per substitution, then take the greatest of lowers and of uppers."""
-        backend, conjunction = self.backend, self._conjunction
+        backend, conjunction = self.backend, self._conjunctions[typed[0].rule.name]
         best = self._greater([self._best_of(rule) for rule in typed])
         count = len(typed[0].operands)
         return Bounds(
@@ -451,7 +451,7 @@ class _Evaluation:
 
     def _best_of(self, rule: _Typed) -> Bounds:
         """Return what the best substitutions come to, as yet unfinished."""
-        backend, conjunction = self.backend, self._conjunction
+        backend, conjunction = self.backend, self._conjunctions[rule.rule.name]
         names = rule.head_names
         order = rule.orders[names]
         masks = self._factors(rule)
@@ -501,7 +501,7 @@ class _Evaluation:
 
     def _column(self, rule: _Typed, absent: float) -> Bounds:
         """Return what each substitution comes to: the axes of the head, one for all others."""
-        backend = self.backend
+        backend, conjunction = self.backend, self._conjunctions[rule.rule.name]
         holds = reduce(operator.and_, (mask for _, mask in self._factors(rule)))
         ends = zip(*(self._bounds(rule, operand) for operand in rule.operands), strict=True)
         sizes = [self._sizes[rule.types[name]] for name in rule.order]
@@ -515,8 +515,7 @@ class _Evaluation:
             return backend.broadcast(values, (*sizes, scenes)).reshape(*heads, inner, scenes)
 
         lower, upper = (
-            column(backend.where(holds, self._conjunction.elementwise(values), absent))
-            for values in ends
+            column(backend.where(holds, conjunction.elementwise(values), absent)) for values in ends
         )
         return Bounds(lower, upper, column(holds))
 

@@ -10,16 +10,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 
-from sfol.engines.counting import CountingRule, counting_rules, without_counts
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
+from sfol.engines.quantified import AuxiliaryRule, auxiliary_rules, without_quantified
 from sfol.errors import FactError, did_you_mean
 from sfol.facts import Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.knowledge_base.parts import dependencies
 from sfol.literals import Criterion
 from sfol.literals.search import WORK_LIMIT
-from sfol.operators import GATHERINGS, Gathering
+from sfol.operators import CONJUNCTIONS, GATHERINGS, Gathering, Operator
 from sfol.syntax import Atom, variables
 
 
@@ -30,37 +30,39 @@ class Program:
     Attributes:
         knowledge_base: what it was made from.
         strata: heads in an order in which each depends on earlier ones only.
-        rules: head → its rules with their plans, in the order of the file; in place of counts they
-            read heads of further rules.
-        counting: the heads of these.
+        rules: head → its rules with their plans, in the order of the file; in place of counts and
+            foralls they read heads of further rules.
+        auxiliary: the heads of these.
         subject_heads: the heads of one argument or none → the atom that makes the reward, that of
             the subject.
         read_heads: heads that some body or condition reads, for whichever entity.
         arities: predicate → its number of arguments.
         gathers: rule → what makes one of its substitutions for one head; None where their atoms are
             pooled.
+        conjunctions: rule → what combines its literals.
         work_limit: how many known atoms the search of a body may look at.
     """
 
     knowledge_base: KnowledgeBase
     strata: tuple[str, ...]
     rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
-    counting: frozenset[str]
+    auxiliary: frozenset[str]
     subject_heads: Mapping[str, Atom]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
     gathers: Mapping[str, Gathering | None]
+    conjunctions: Mapping[str, Operator]
     work_limit: int
     _head_plans: dict[str, Plan] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> Program:
         """Make the program of a knowledge base."""
-        counting = [found for rule in kb.rules.values() for found in counting_rules(rule)]
-        rules = [without_counts(rule) for rule in kb.rules.values()]
-        rules += [rule for rule, _ in counting]
-        counts = dict.fromkeys(rule.clause.head.predicate for rule, _ in counting)
-        heads = (*kb.heads, *counts)
+        auxiliary = [found for rule in kb.rules.values() for found in auxiliary_rules(rule)]
+        rules = [without_quantified(rule) for rule in kb.rules.values()]
+        rules += [found.rule for found in auxiliary]
+        further = dict.fromkeys(found.rule.clause.head.predicate for found in auxiliary)
+        heads = (*kb.heads, *further)
         order = TopologicalSorter(dependencies(rules)).static_order()
         return cls(
             knowledge_base=kb,
@@ -73,18 +75,19 @@ class Program:
                 )
                 for head in heads
             },
-            counting=frozenset(counts),
+            auxiliary=frozenset(further),
             subject_heads={
                 head: Atom(head, (kb.subject,)[:arity])
                 for head in kb.heads
                 if (arity := kb.predicates[head].arity) <= 1
             },
-            read_heads=kb.read.intersection(heads).union(counts),
+            read_heads=kb.read.intersection(heads).union(further),
             arities={
                 **{name: predicate.arity for name, predicate in kb.predicates.items()},
                 **{name: name.arity for name in kb.timed},
             },
-            gathers=_gathers(kb, counting),
+            gathers=_gathers(kb, auxiliary),
+            conjunctions=_conjunctions(kb, auxiliary),
             work_limit=work_limit,
         )
 
@@ -139,9 +142,15 @@ class Program:
         return head in self.subject_heads and head not in self.read_heads
 
 
-def _gathers(kb: KnowledgeBase, counting: Iterable[CountingRule]) -> dict[str, Gathering | None]:
+def _gathers(kb: KnowledgeBase, auxiliary: Iterable[AuxiliaryRule]) -> dict[str, Gathering | None]:
     gathers = {name: GATHERINGS.get(kb.gathers(rule)) for name, rule in kb.rules.items()}
-    return gathers | {rule.name: gathering for rule, gathering in counting}
+    return gathers | {found.rule.name: found.gathers for found in auxiliary}
+
+
+def _conjunctions(kb: KnowledgeBase, auxiliary: Iterable[AuxiliaryRule]) -> dict[str, Operator]:
+    usual = CONJUNCTIONS[kb.semantics.conjunction]
+    own = {found.rule.name: found.conjunction or usual for found in auxiliary}
+    return dict.fromkeys(kb.rules, usual) | own
 
 
 def rule_plan(

@@ -93,10 +93,10 @@ class _Checker:
         for index, condition in conditions:
             path = ("entity_weights", index, "when")
             self._check_body(path, condition.when, predicates, ("X",), part=entries[index] > 1)
-            for literal in condition.when.counts:
+            for literal in condition.when.quantified:
                 self._reporter.report(
                     path,
-                    f"a condition can't count: '{literal}'",
+                    f"a condition can't have a count or a forall: '{literal}'",
                     str(literal),
                     "let a rule conclude it, and name the head of that rule here",
                 )
@@ -322,7 +322,7 @@ class _Checker:
     ) -> None:
         offsets = dict(reversed(body.offsets))
         whole = f"'{body}', one way in which the body can hold," if part else "the body"
-        if not body.atom_literals and not body.counts:
+        if not body.atom_literals and not body.quantified:
             self._reporter.report(path, f"{whole} has guards and no literal", str(body))
         for atom in (atom for literal in body.literals for atom in literal.atoms):
             self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
@@ -560,7 +560,7 @@ class _Checker:
 
 
 def _reads(rules: Iterable[Rule]) -> Iterator[tuple[Rule, AtomLiteral]]:
-    """Yield every rule with each literal that its body reads, also in a count."""
+    """Yield every rule with each literal that its body reads, also in a count or a forall."""
     return (
         (rule, literal)
         for rule in rules

@@ -16,7 +16,7 @@ from sfol.clauses import Body
 from sfol.connectives import Joined, Tree
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.literals import Count, Literal, Negated, NotEqual, Positive
+from sfol.literals import Count, ForAll, Literal, Negated, NotEqual, Positive
 from sfol.syntax import Atom, is_variable
 from sfol.testing.naive_time import needed_now, said_of
 
@@ -119,8 +119,7 @@ def _failing(body: Tree) -> list[list[Literal]]:
 
 def _reads(kb: KnowledgeBase, head: str) -> set[str]:
     literals = [literal for rule in _rules_of(kb, head) for literal in _literals(rule)]
-    counts = [literal for literal in literals if isinstance(literal, Count)]
-    literals += [literal for count in counts for literal in count.literals]
+    literals += [inner for literal in literals for inner in _inside(literal)]
     atoms = [atom for literal in literals if (atom := _atom(literal)) is not None]
     return {name for atom in atoms for name in needed_now(atom)}
 
@@ -166,12 +165,25 @@ def _substitutions(rule: Rule, entities: Sequence[str]) -> Iterator[Substitution
         yield dict(zip(names, values, strict=True))
 
 
+def _inside(literal: Literal) -> Sequence[Literal]:
+    match literal:
+        case Count(counted=counted):
+            return counted
+        case ForAll(guard=guard, body=body):
+            return (*guard, *body)
+    return ()
+
+
+def _constants(known: Known) -> Sequence[str]:
+    return sorted({argument for atom in known for argument in atom.arguments})
+
+
 def _variables(*terms: str) -> set[str]:
     return {term for term in terms if is_variable(term)}
 
 
 def _variables_of(literals: Sequence[Literal]) -> set[str]:
-    # Those inside of counts are their own, unless they stand in another literal as well.
+    # Those inside of counts and foralls are their own, unless other literals have them as well.
     atoms = [_atom(literal) for literal in literals]
     return {v for atom in atoms if atom is not None for v in _variables(*atom.arguments)}
 
@@ -201,6 +213,9 @@ def _holds(
 ) -> bool:
     bound = _literal_bound(kb, rule, literal, substitution, known)
     match literal:
+        case ForAll():
+            # A forall holds iff nobody speaks against it so much that its negation fails.
+            return bound is not None and _reaches(bound.lower, rule.negation_threshold)
         case Count():
             # A count holds iff there are enough, and then as a positive literal does.
             return bound is not None and bound.upper > 0 and _reaches(bound.lower, rule.threshold)
@@ -225,6 +240,8 @@ def _literal_bound(
 ) -> Bound | None:
     if isinstance(literal, Count):
         return _count_bound(kb, rule, literal, substitution, known)
+    if isinstance(literal, ForAll):
+        return _forall_bound(kb, rule, literal, substitution, known)
     atom = _atom(literal)
     if atom is None:  # a guard has no bound
         return None
@@ -242,20 +259,52 @@ def _count_bound(
     # For each value of the counted variables the best bound to which the literals inside come, by
     # the conjunction, over the values of the others; of these the k-th greatest of the lowers and
     # the k-th greatest of the uppers. Fewer than k, and there is no bound.
-    inside = {*_variables_of(count.literals), *count.counted}
+    inside = {*_variables_of(count.counted), *count.quantified}
     names = sorted(inside - _variables_of(_literals(rule)))
-    entities = sorted({argument for atom in known for argument in atom.arguments})
     found: dict[tuple[str, ...], list[Bound]] = {}
-    for values in itertools.product(entities, repeat=len(names)):
+    for values in itertools.product(_constants(known), repeat=len(names)):
         local = {**substitution, **dict(zip(names, values, strict=True))}
-        if _all_hold(kb, rule, count.literals, local, known):
-            bounds = [_literal_bound(kb, rule, lit, local, known) for lit in count.literals]
+        if _all_hold(kb, rule, count.counted, local, known):
+            bounds = [_literal_bound(kb, rule, lit, local, known) for lit in count.counted]
             bound = _conjunction(kb, [bound for bound in bounds if bound is not None])
-            found.setdefault(tuple(local[name] for name in count.counted), []).append(bound)
+            found.setdefault(tuple(local[name] for name in count.quantified), []).append(bound)
     best = [_combined(max, bounds) for bounds in found.values()]
     if len(best) < count.minimum:
         return None
     return _combined(lambda values: sorted(values, reverse=True)[count.minimum - 1], best)
+
+
+def _forall_bound(
+    kb: KnowledgeBase, rule: Rule, forall: ForAll, substitution: Substitution, known: Known
+) -> Bound:
+    # For each value of its variables for which the guard holds the greater of two: the guard's
+    # negation, and what the body comes to, [0, 0] if it does not hold. Of these the least.
+    found = [Bound(1.0, 1.0)]
+    outside = _variables_of(_literals(rule))
+    given = {name: value for name, value in substitution.items() if name in outside}
+    for values in itertools.product(_constants(known), repeat=len(forall.quantified)):
+        one = {**given, **dict(zip(forall.quantified, values, strict=True))}
+        guard = _least_of(kb, rule, forall.guard, one, known)
+        if guard is not None:
+            body = _least_of(kb, rule, forall.body, one, known) or Bound(0.0, 0.0)
+            spared = Bound(1.0 - guard.upper, 1.0 - guard.lower)
+            found.append(_combined(max, [spared, body]))
+    return _combined(min, found)
+
+
+def _least_of(
+    kb: KnowledgeBase, rule: Rule, literals: Sequence[Literal], given: Substitution, known: Known
+) -> Bound | None:
+    # The least of literals, at best over the values of the variables that have none.
+    names = sorted(_variables_of(literals) - given.keys())
+    found = []
+    for values in itertools.product(_constants(known), repeat=len(names)):
+        local = {**given, **dict(zip(names, values, strict=True))}
+        if _all_hold(kb, rule, literals, local, known):
+            bounds = [_literal_bound(kb, rule, literal, local, known) for literal in literals]
+            least = [bound for bound in bounds if bound is not None]
+            found.append(_combined(min, least) if least else Bound(1.0, 1.0))
+    return _combined(max, found) if found else None
 
 
 def _strongest(pattern: Atom, known: Known) -> Bound | None:
@@ -282,7 +331,7 @@ def _naive_pooled(
     pool = []
     for literal in _literals(rule):
         # A literal has an atom for each of the values of its variables.
-        inside = literal.literals if isinstance(literal, Count) else (literal,)
+        inside = _inside(literal) or (literal,)
         names = sorted(_variables_of(inside) & _variables_of(_literals(rule)))
         values = {tuple(s[name] for name in names): s for s in found}
         distinct = {

@@ -21,7 +21,7 @@ from sfol.connectives import AND, IMPLIES, OR, Joined, Tree
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
-from sfol.literals import Count, Literal, Negated, NotEqual, Positive
+from sfol.literals import Count, ForAll, Literal, Negated, NotEqual, Positive, Quantified
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
 from sfol.syntax import ANONYMOUS, Atom, is_anonymous, variables
 from sfol.temporal import (
@@ -53,6 +53,7 @@ _STRANGER = "zoe"  # rules may name it; facts do not
 
 _VARIABLES = ("X", "Y", "Z")
 _COUNTED = ("P", "Q")
+_WITHIN = "W"  # stands in the body of a forall alone
 _PARAMETERS = (*_VARIABLES, "W")
 
 _Literals = st.SearchStrategy[list[Literal]]
@@ -131,6 +132,32 @@ def _counts(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
 @st.composite
 def _count(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> Count:
     """Draw a count of one variable or two, which stand in no other literal."""
+    counted, literals = draw(_restricted(readable, bound))
+    return Count(counted, counted=literals, minimum=draw(st.integers(1, 3)))
+
+
+def _foralls(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+    forall = _mostly(st.just([]), _forall(readable, bound).map(lambda drawn: [drawn]))
+    return forall.flatmap(lambda chosen: chosen)
+
+
+@st.composite
+def _forall(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> ForAll:
+    """Draw a forall of one variable or two, whose body may have one of its own."""
+    quantified, guard = draw(_restricted(readable, bound))
+    names = [*quantified, *bound]
+    body: list[Literal] = draw(_positive(readable, [*names, _WITHIN]) | st.just([]))
+    inside = variables(*names, *(term for literal in body for term in literal.terms))
+    body += draw(_negated(readable, inside))
+    body += draw(_not_equal(readable, inside))
+    return ForAll(quantified, guard=guard, body=tuple(body or draw(_positive(readable, names))))
+
+
+@st.composite
+def _restricted(
+    draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[Literal, ...]]:
+    """Draw one variable or two, and literals that bind them."""
     names = [*_COUNTED, *bound]
     literals: list[Literal] = draw(_positive(readable, names))
     inside = variables(*(term for literal in literals for term in literal.terms))
@@ -144,7 +171,7 @@ def _count(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> Co
     literals += draw(_negated(readable, inside))
     literals += draw(_not_equal(readable, inside))
     several = draw(st.integers(1, len(counted)))
-    return Count(tuple(counted[:several]), tuple(literals), draw(st.integers(1, 3)))
+    return tuple(counted[:several]), tuple(literals)
 
 
 # Kind of literal → how a body's literals of this kind are drawn, from the predicates that it may
@@ -154,6 +181,7 @@ LITERALS: Mapping[type[Literal], Callable[[Sequence[str], Sequence[str]], _Liter
     Negated: _negated,
     NotEqual: _not_equal,
     Count: _counts,
+    ForAll: _foralls,
 }
 
 
@@ -176,7 +204,7 @@ def _clauses(
     bound = variables(*(term for literal in literals for term in literal.terms)) or (ENTITIES[0],)
     arguments = draw(_terms(bound, _PREDICATES[head]))
     for kind, drawn in LITERALS.items():
-        if not kind.binds and not (plain and kind is Count):
+        if not kind.binds and not (plain and issubclass(kind, Quantified)):
             literals += draw(drawn(readable, bound))
     body = Body(tuple(draw(st.permutations(literals))))
     choice = draw(_choices(readable, bound))
@@ -273,7 +301,7 @@ def knowledge_base_files(
     Args:
         draw: given by hypothesis.
         arities: the numbers of arguments that predicates may have.
-        plain: whether they have only what PyReason can say: neither sums nor counts.
+        plain: whether they have only what PyReason can say: neither sums nor counts nor foralls.
     """
     names = tuple(name for name, arity in _PREDICATES.items() if arity in arities)
     rules = draw(_rules(names, plain=plain))

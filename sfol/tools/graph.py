@@ -12,9 +12,10 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.sax import saxutils
 
+from sfol.clauses import Body
 from sfol.facts import TRUE
 from sfol.knowledge_base import KnowledgeBase
-from sfol.literals import Count, Negated
+from sfol.literals import Negated, Quantified
 from sfol.tools.texts import visible
 
 if TYPE_CHECKING:
@@ -64,11 +65,9 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
     graph.add_nodes_from(heads.get(name, GraphNode("predicate", name)) for name in kb.predicates)
     for rule in kb.rules.values():
         node = GraphNode("rule", rule.name)
-        for literal in rule.clause.body.all_literals:
-            negated = isinstance(literal, Negated)
-            for name in () if isinstance(literal, Count) else (a.predicate for a in literal.atoms):
-                source = heads.get(name, GraphNode("predicate", name))
-                graph.add_edge(source, node, negated=negated)
+        for name, negated in _read(rule.clause.body):
+            source = heads.get(name, GraphNode("predicate", name))
+            graph.add_edge(source, node, negated=negated)
         graph.add_edge(node, heads[rule.clause.head.predicate], certainty=rule.certainty)
     for name, weight in kb.weights.items():
         graph.add_node(GraphNode("weight", name))
@@ -83,6 +82,15 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
         for head in term.heads:
             graph.add_edge(GraphNode("head", head), GraphNode("term", term.name))
     return graph
+
+
+def _read(body: Body) -> Iterator[tuple[str, bool]]:
+    """Yield the predicates that a body reads, each with whether it speaks against it."""
+    for literal in body.literals:
+        against = literal.against if isinstance(literal, Quantified) else ()
+        for inner in literal.literals if isinstance(literal, Quantified) else (literal,):
+            negated = isinstance(inner, Negated) != (inner in against)
+            yield from ((atom.predicate, negated) for atom in inner.atoms)
 
 
 def mermaid(kb: KnowledgeBase) -> str:

@@ -164,7 +164,8 @@ def _why_never(rule: Rule, barren: Set[str]) -> str | None:
     for literal in _contradictions(body):
         if _excludes(rule, literal):
             return f"{literal} and not {literal.atom} exclude each other at its thresholds"
-    read = [a.predicate for lit in body.all_literals if lit.binds for a in lit.atoms]
+    needed = (*body.literals, *(lit for whole in body.quantified for lit in whole.needed))
+    read = [a.predicate for lit in needed if lit.binds for a in lit.atoms]
     if missing := next((name for name in read if name in barren), None):
         return f"no rule that can fire concludes '{missing}'"
     return None
@@ -388,10 +389,10 @@ def _jumps(kb: KnowledgeBase) -> Iterator[Finding]:
     conjunction = CONJUNCTIONS[kb.semantics.conjunction]
     jumps = {}
     for rule in kb.rules.values():
-        counts = rule.clause.body.counts
-        literals = (*rule.clause.body.atom_literals, *counts)
+        quantified = rule.clause.body.quantified
+        literals = (*rule.clause.body.atom_literals, *quantified)
         least_bounds = [lit.threshold(rule) for lit in literals if isinstance(lit, Positive)]
-        least_bounds += [rule.threshold for _ in counts]
+        least_bounds += [rule.threshold for literal in quantified if literal.monotone]
         if len(literals) > 1 and 0.0 in least_bounds:
             jumps[rule.name] = conjunction.combine([*(1.0 for _ in literals[1:]), 0.0])
     if conjunction.can_grow and jumps:

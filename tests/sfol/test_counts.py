@@ -147,8 +147,8 @@ def test_what_an_engine_makes_of_a_count_is_not_seen():
     facts = Facts.parse(THREE)
     assert reward.evaluate(facts).fired == {"rule0"}
     assert {atom.predicate for atom in reward.evaluate(facts).derived} == {"h"}
-    assert reward.engine.program.counting
-    assert not Program.of(program("h(X) :- P(X).")).counting
+    assert reward.engine.program.auxiliary
+    assert not Program.of(program("h(X) :- P(X).")).auxiliary
 
 
 def test_an_explanation_shows_who_was_counted_or_how_many():
@@ -178,7 +178,7 @@ def test_an_explanation_shows_who_was_counted_or_how_many():
     [
         ("not count(Y: P(Y)) >= 2", "can't be negated", "rule of its own"),
         ("count(y: P(y)) >= 2", "'y' is no variable", "upper-case"),
-        ("count(Y, Y: P(Y)) >= 2", "counted twice", "once"),
+        ("count(Y, Y: P(Y)) >= 2", "stands twice before the colon", "once"),
         ("count(Y: P(Y)) >= 0", "at least 0", "from 1 to 1000000"),
         ("count(Y: P(Y)) >= 1e300", r"at least 1e\+300", "from 1 to 1000000"),
         ("count(Y: P(Y)) >= 1.5", "at least 1.5", "from 1 to"),
@@ -197,7 +197,7 @@ def test_what_is_no_count_is_refused_where_it_stands(literal, message, suggestio
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        ("h(X) :- V(X), count(X: P(X)) >= 2.", "'X' is counted by .* and stands outside"),
+        ("h(X) :- V(X), count(X: P(X)) >= 2.", "'X' belongs to .* and stands outside"),
         ("h(X) :- V(X), count(Y: P(Z)) >= 2.", "'Y' stands in no positive literal inside"),
         ("h(X) :- V(X), count(Y: P(Y), Y != X) >= 2.", "'X' stands in no positive literal inside"),
         ("h(Y) :- V(X), count(Y: P(Y)) >= 2.", "'Y' stands in no positive literal of the body"),
