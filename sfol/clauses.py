@@ -43,8 +43,8 @@ class Body:
 
     Attributes:
         literals: those that stand for atoms first, then guards, counts and foralls, each in the
-            order of the text. An anonymous variable of a literal that binds is called ``_1``, ``_2`` and so
-            on.
+            order of the text. An anonymous variable of a literal that binds is called ``_1``,
+            ``_2`` and so on.
         offsets: where each name stands in the text, for error messages.
     """
 

@@ -1,4 +1,4 @@
-"""What literals that speak of several entities have in common: ``count``, ``exists``, ``forall``."""
+"""What ``count``, ``exists`` and ``forall`` have in common: they go through entities."""
 
 from __future__ import annotations
 

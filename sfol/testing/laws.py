@@ -26,7 +26,7 @@ from sfol.clauses import Body, Clause, parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.literals import Count
+from sfol.literals import Count, ForAll, Literal, Positive
 from sfol.operators import POOLED
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
@@ -157,7 +157,9 @@ def the_more_the_surer(reward: RewardFunction, facts: Facts, random: Random) -> 
 
 
 def fewer_are_found_more_easily(reward: RewardFunction, facts: Facts, random: Random) -> None:
-    """Counts that ask for one less lower no bound, where nothing is pooled.
+    """Counts that ask for one less, and foralls that speak of fewer, lower no bound.
+
+    Where nothing is pooled, that is.
 
     Of a head that nothing reads: more may lower what reads it.
     """
@@ -290,17 +292,30 @@ def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
 
 
 def _asking_for_less(kb: KnowledgeBase, rule: Rule) -> Rule:
-    """Return a rule whose counts ask for one less; of a head that is read, the rule itself."""
+    """Return a rule whose counts ask for one less, and whose foralls speak of fewer.
+
+    Of a head that is read, the rule itself.
+    """
     head, body = rule.clause.head, rule.clause.body
     if head.predicate in kb.read:
         return rule
-    literals = tuple(
-        dataclasses.replace(literal, minimum=max(literal.minimum - 1, 1))
-        if isinstance(literal, Count)
-        else literal
-        for literal in body.literals
-    )
+    literals = tuple(map(_easier, body.literals))
     return dataclasses.replace(rule, clause=Clause(head, Body(literals)))
+
+
+def _easier(literal: Literal) -> Literal:
+    match literal:
+        case Count(minimum=minimum):
+            return dataclasses.replace(literal, minimum=max(minimum - 1, 1))
+        case ForAll(guard=guard):
+            return dataclasses.replace(literal, guard=tuple(map(_surely, guard)))
+    return literal
+
+
+def _surely(literal: Literal) -> Literal:
+    if not isinstance(literal, Positive):
+        return literal
+    return dataclasses.replace(literal, minimum=max(literal.minimum, 0.5))
 
 
 def _half(bound: Bound) -> Bound:

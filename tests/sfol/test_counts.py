@@ -220,14 +220,14 @@ def test_a_condition_of_an_entity_weight_does_not_count():
         "entity_weights": [{"when": "P(X), exists(Y: R(X, Y))", "weight": 1}],
         "terms": {"t": {"weight": 1, "formula": "0"}},
     }
-    with pytest.raises(InvalidKnowledgeBase, match="a condition can't count"):
+    with pytest.raises(InvalidKnowledgeBase, match="a condition can't have a count"):
         KnowledgeBase.of(KnowledgeBaseFile.model_validate(content))
 
 
 def test_predicates_may_be_called_like_counts():
     clause = parse_clause("h(X) :- count(X, Y), exists(Y), not count(Y, X).")
     assert str(clause) == "h(X) :- count(X, Y), exists(Y), not count(Y, X)."
-    assert not clause.body.counts
+    assert not clause.body.quantified
 
 
 def test_pyreason_refuses_counts_by_name():

@@ -2,10 +2,16 @@
 
 import pytest
 
-from sfol import Facts, RewardFunction
+from sfol import Facts, KnowledgeBase, RewardFunction
 from sfol.clauses import parse_clause
-from sfol.errors import ClauseError, InvalidKnowledgeBase
+from sfol.errors import ClauseError, InvalidKnowledgeBase, KnowledgeBaseError
+from sfol.knowledge_base import KnowledgeBaseFile
+from sfol.knowledge_base.formatting import format_clause
+from sfol.knowledge_base.printing import to_yaml
 from sfol.testing.naive import naive_conclusions
+from sfol.tools.graph import dependency_graph
+from sfol.tools.lint import lint
+from sfol.tools.subsumption import compared
 from tests.differential.dense import dense_conclusions
 from tests.differential.programs import program
 from tests.sfol.test_certainty import bounds_of
@@ -154,3 +160,86 @@ def test_variables_and_predicates_of_a_forall_are_checked(literal, message):
 def test_a_predicate_may_be_called_forall():
     clause = parse_clause("h(X) :- forall(X), not forall(X, X).")
     assert str(clause) == "h(X) :- forall(X), not forall(X, X)."
+
+
+def knowledge_base(rule):
+    return KnowledgeBase.of(
+        KnowledgeBaseFile.model_validate(
+            {
+                "version": 1,
+                "name": "every",
+                "predicates": dict.fromkeys(["P(X)", "Q(X)", "V(X)", "R(X, Y)"], ""),
+                "rules": {"every": rule},
+                "weights": {"w": {"normalizer": 1, "coefficients": {"h": 1}}},
+                "terms": {"t": {"weight": "w", "formula": "1"}},
+            }
+        )
+    )
+
+
+def test_an_explanation_shows_of_whom_it_speaks_and_who_is_against_it():
+    reward = RewardFunction(knowledge_base("h(X) :- V(X), forall(Y: P(Y))(Q(Y), not R(Y, X))."))
+    text = str(reward.explain(Facts.parse(f"{PEOPLE} R(b, ego): 0.2.")))
+    assert "forall(Y: P(Y))(Q(Y), not R(Y, ego)) [0.5, 0.7]  of 2" in text
+    assert text.index("Y = b  [0.5, 0.8]") < text.index("Y = a  [0.7, 0.7]")
+    assert "Q(b) [0.5, 0.9]  asserted" in text
+    assert "not R(a, ego) [1, 1]  unknown" in text
+    text = str(reward.explain(Facts.parse("V(ego). P(a). P(b): 0.9.")))
+    assert "lacks forall(Y: P(Y))(Q(Y), not R(Y, ego)) (it is [0, 0] for Y = a)" in text
+
+
+def test_a_rule_without_anybody_is_explained():
+    reward = RewardFunction(knowledge_base("h(X) :- V(X), forall(Y: P(Y))(Q(Y))."))
+    assert "forall(Y: P(Y))(Q(Y)) [1, 1]  of 0" in str(reward.explain(Facts.parse("V(ego).")))
+
+
+def test_printed_and_formatted_it_is_the_same(tmp_path):
+    text = "h( X ):-V(X) ,forall( Y,Z:P(Y) ,R(Y,Z) ) (Q(Y),not R(Z , X)) ."
+    shown = "h(X) :- V(X), forall(Y, Z: P(Y), R(Y, Z))(Q(Y), not R(Z, X))."
+    assert format_clause(text) == shown == str(parse_clause(text))
+    assert parse_clause(shown) == parse_clause(text)
+    kb = program(shown)
+    path = tmp_path / "every.yaml"
+    path.write_text(to_yaml(kb), encoding="utf-8")
+    assert KnowledgeBase.load(path).rules == kb.rules
+
+
+def test_the_graph_shows_what_speaks_against_a_forall_as_negated():
+    graph = dependency_graph(knowledge_base("h(X) :- V(X), forall(Y: P(Y))(Q(Y), not R(Y, X))."))
+    shown = {source.name: data.get("negated") for source, _, data in graph.edges(data=True)}
+    assert (shown["P"], shown["Q"], shown["R"]) == (True, False, True)
+
+
+def test_lint_knows_that_it_holds_of_nobody():
+    kb = program("g(X) :- P(X), X != X.", "h(X) :- V(X), forall(Y: g(Y))(g(Y)).")
+    never = [finding.message for finding in lint(kb) if finding.code == "SF001"]
+    assert len(never) == 1
+    assert "rule0" in never[0]
+
+
+@pytest.mark.parametrize(
+    ("special", "covered"),
+    [
+        ("forall(Y: P(Y))(Q(Y))", True),
+        ("forall(Y: P(Y) >= 0.5)(Q(Y))", False),
+        ("forall(Y: P(Y))(Q(Y) >= 0.5)", False),
+        ("forall(Y: P(Y), Q(Y))(Q(Y))", False),
+        ("exists(Y: P(Y), Q(Y))", False),
+    ],
+)
+def test_a_rule_covers_another_only_with_the_same_forall(special, covered):
+    kb = program(every("forall(Y: P(Y))(Q(Y))"), every(f"P(X), {special}"))
+    assert bool(compared(kb.rules.values()).covered) == covered
+
+
+def test_pyreason_refuses_it_by_its_text():
+    rule = parse_clause("h(X) :- V(X), forall(Y: P(Y))(Q(Y)).")
+    with pytest.raises(KnowledgeBaseError, match=r"PyReason can't express .*forall\(Y: P"):
+        [literal.query(program(every("P(X)")).rules["rule0"]) for literal in rule.body.literals]
+
+
+def test_a_knowledge_base_without_has_no_further_rules():
+    assert not RewardFunction(program("h(X) :- P(X).")).engine.program.auxiliary
+    reward = RewardFunction(program(every("forall(Y: P(Y))(Q(Y))")))
+    assert {atom.predicate for atom in reward.evaluate(Facts.parse(PEOPLE)).derived} == {"h"}
+    assert reward.evaluate(Facts.parse(PEOPLE)).fired == {"rule0"}

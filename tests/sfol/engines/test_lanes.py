@@ -129,6 +129,23 @@ COUNTS = {
 }
 
 
+FORALLS = {
+    "crowded(X) :- Robot(X), Person(P), Person(Q), Beside(P, Q), P != Q.": (
+        '"crowded(X) :- Robot(X), forall(P: Person(P), Close(P, X))(Person(Q), Beside(P, Q), '
+        'not Ahead(Q, X))."'
+    ),
+    "Robot(X), Person(P), Close(P, X), Ahead(P, X)": (
+        "Robot(X), forall(P:Person(P) >= 0.5)(not Close(P, X))"
+    ),
+}
+
+
+def test_foralls(tmp_path):
+    reward = ready(load(tmp_path, FORALLS), step_of(0))
+    for seed in range(10):
+        assert_repeated(reward, step_of(seed, size=7))
+
+
 def test_counts(tmp_path):
     reward = ready(load(tmp_path, COUNTS), step_of(0))
     for seed in range(10):
