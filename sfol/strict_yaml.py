@@ -217,7 +217,7 @@ def parse(text: str, file: str) -> Document:
     if not isinstance(node, yaml.MappingNode):
         raise FileError(
             "the file is not a mapping of keys to values",
-            suggestion="it begins with 'version: 1' and 'name: …'",
+            suggestion="it begins with 'version: 2' and 'name: …'",
             place=Place(file, 1, 1),
         )
     places = Places()

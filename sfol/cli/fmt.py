@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +10,9 @@ import typer
 from rich.console import Console
 
 from sfol.cli.app import app
-from sfol.cli.inputs import Sources, files
+from sfol.cli.inputs import Sources, paths
 from sfol.cli.output import line, print_errors, stdout
-from sfol.errors import SfolError, UsageError
+from sfol.errors import SfolError
 from sfol.knowledge_base import KnowledgeBase
 from sfol.knowledge_base.formatting import format_file
 from sfol.reading import text_of
@@ -42,7 +41,7 @@ def fmt(
     """
     console = stdout()
     changed, broken = 0, 0
-    for path in _paths(sources):
+    for path in paths(sources, "fmt"):
         try:
             old, new = _formatted(path)
         except SfolError as error:
@@ -64,15 +63,6 @@ def fmt(
         raise typer.Exit(2)
     if changed and (check or diff):
         raise typer.Exit(1)
-
-
-def _paths(sources: list[str]) -> Iterator[Path]:
-    for source in files(sources):
-        if isinstance(source, str) and not source.endswith((".yaml", ".yml")):
-            raise UsageError(
-                f"'{source}' is no file", name=source, suggestion="fmt takes files and folders"
-            )
-        yield Path(source)
 
 
 def _formatted(path: Path) -> tuple[str, str]:

@@ -39,6 +39,22 @@ def files(sources: Sequence[str]) -> Iterator[str | Path]:
         yield from found
 
 
+def paths(sources: Sequence[str], command: str) -> Iterator[Path]:
+    """Yield the files of a command that takes no bundled name; a folder stands for all below it.
+
+    Raises:
+        UsageError: an argument is neither a file nor a folder with some.
+    """
+    for source in files(sources):
+        if isinstance(source, str) and not source.endswith(SUFFIXES):
+            raise UsageError(
+                f"'{source}' is no file",
+                name=source,
+                suggestion=f"{command} takes files and folders",
+            )
+        yield Path(source)
+
+
 def path_or_name(source: str) -> str | Path:
     """Return a file as a path, and anything else as the name of a bundled knowledge base."""
     return Path(source) if os.path.isfile(source) else source

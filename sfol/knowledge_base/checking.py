@@ -140,6 +140,7 @@ class _Checker:
             observed_signals=observed_signals,
             tests=tuple(file.tests),
             files=files,
+            version=file.version,
         )
 
     # -- parsing ------------------------------------------------------------------------------
@@ -266,8 +267,11 @@ class _Checker:
             return None
         known = {*signals, *entry.parameters, *heads}
         self._reporter.parsed(path, formula.check_names, known | self._reporter.unread)
+        both = formula.names & heads & {*signals, *entry.parameters}
+        if self._file.version == 1:  # whose formulas had signals and parameters before heads
+            heads, both = heads - both, frozenset()
         read = tuple(sorted(formula.names & heads))
-        for head in formula.names & heads & {*signals, *entry.parameters}:
+        for head in both:
             other = "signal" if head in signals else "parameter"
             self._reporter.report(
                 path,

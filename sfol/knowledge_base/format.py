@@ -20,7 +20,7 @@ from pydantic_core import CoreSchema, core_schema
 from sfol.facts import DEFAULT_MARGIN
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GROUNDINGS, POOLED
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 class _Section(BaseModel):
@@ -356,7 +356,9 @@ _Fact = Annotated[
 class KnowledgeBaseFile(_Section):
     """A knowledge base file, or an overlay that extends one."""
 
-    version: Literal[1] = Field(description="The version of this format.")
+    version: Literal[1, 2] = Field(
+        description="The version of this format: 2, or 1, which `sfol migrate` rewrites."
+    )
     name: str = Field(description="The knowledge base's name.")
     description: str = Field("", description="What it is for.")
     extends: str | list[str] = Field(

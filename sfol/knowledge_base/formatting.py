@@ -9,13 +9,13 @@ outside.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import yaml
 
 from sfol.connectives import IMPLIES, OR
-from sfol.knowledge_base.positions import Entry, entries
+from sfol.knowledge_base.positions import Edit, Entry, edited, entries, inside
 from sfol.syntax import OPERATORS
 
 _PIECE = re.compile(
@@ -35,12 +35,6 @@ class _Piece(NamedTuple):
 _EDGE = _Piece("edge", "")
 
 
-class _Edit(NamedTuple):
-    start: int
-    end: int
-    text: str
-
-
 def format_file(text: str) -> str:
     """Return the text of a knowledge base file with its clauses formatted.
 
@@ -49,11 +43,7 @@ def format_file(text: str) -> str:
     """
     # By position, since an alias leads to the same text again.
     edits = {edit.start: edit for entry in entries(text) for edit in _edits(entry, text)}
-    parts, done = [], 0
-    for start, edit in sorted(edits.items()):
-        parts += [text[done:start], edit.text]
-        done = edit.end
-    return "".join([*parts, text[done:]])
+    return edited(text, edits.values())
 
 
 def format_clause(text: str) -> str:
@@ -109,15 +99,31 @@ def _pieces(text: str) -> Iterator[_Piece]:
         yield _Piece(match.lastgroup or "", match.group())
 
 
+def renamed_predicates(text: str, renames: Mapping[str, str], start: int) -> Iterator[Edit]:
+    """Yield the edits by which predicates of a clause get other names.
+
+    Args:
+        text: of the clause, as it stands in a file.
+        renames: name → new name.
+        start: where it stands there.
+    """
+    pieces = list(_pieces(text))
+    for number, piece in enumerate(pieces):
+        rest = (later.text for later in pieces[number + 1 :] if later.kind != "blank")
+        if piece.kind == "word" and piece.text in renames and next(rest, "") == "(":
+            yield Edit(start, start + len(piece.text), renames[piece.text], piece.text)
+        start += len(piece.text)
+
+
 def _tokens(text: str) -> list[_Piece]:
     return [piece for piece in _pieces(text) if piece.kind not in ("blank", "break")]
 
 
-def _edits(entry: Entry, source: str) -> Iterator[_Edit]:
-    node = _clause(entry)
+def _edits(entry: Entry, source: str) -> Iterator[Edit]:
+    node = clause_of(entry)
     if not isinstance(node, yaml.ScalarNode):
         return
-    start, end = _inside(node, source)
+    start, end = inside(node, source)
     old = source[start:end]
     # Escapes, anchors and comments in folded lines: the source is not the text that is meant.
     if _tokens(old) != _tokens(node.value):
@@ -126,10 +132,10 @@ def _edits(entry: Entry, source: str) -> Iterator[_Edit]:
     if node.style is None and ": " in new and new != old:
         new = f'"{new}"' if not set(new) & {'"', "\\"} else old
     if new != old:
-        yield _Edit(start, end, new)
+        yield Edit(start, end, new)
 
 
-def _clause(entry: Entry) -> yaml.Node | None:
+def clause_of(entry: Entry) -> yaml.Node | None:
     """Return the node of a value that is a clause, or of a key that is a signature."""
     match entry.path:
         case ("predicates" | "facts", str()):
@@ -141,16 +147,9 @@ def _clause(entry: Entry) -> yaml.Node | None:
             | ("entity_weights", int(), "when")
             | ("tests", int(), "facts")
             | ("tests", int(), "facts", int())
+            | ("tests", int(), "steps", int(), "facts")
+            | ("tests", int(), "steps", int(), "facts", int())
         ):
             return entry.value
     return None
 
-
-def _inside(node: yaml.ScalarNode, source: str) -> tuple[int, int]:
-    """Return where the text of a scalar begins and ends, without its quotes or block mark."""
-    start, end = node.start_mark.index, node.end_mark.index
-    if node.style is None:
-        return start, end
-    if node.style in ("'", '"'):
-        return start + 1, end - 1
-    return start + re.search(r"[\r\n]|\Z", source[start:]).start(), end  # type: ignore[union-attr]

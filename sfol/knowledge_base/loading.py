@@ -58,12 +58,17 @@ def bundled_names() -> tuple[str, ...]:
     )
 
 
-def load(*sources: str | Path, sections: Mapping[str, type[BaseModel]] | None = None) -> Parts:
+def load(
+    *sources: str | Path,
+    sections: Mapping[str, type[BaseModel]] | None = None,
+    texts: Mapping[Path, str] | None = None,
+) -> Parts:
     """Read knowledge bases and what they extend, and apply them left to right.
 
     Args:
         sources: paths of files (ending in .yaml or .yml), or names of bundled knowledge bases.
         sections: models of the sections of `grounding` that are to be checked too.
+        texts: what files are read to say instead of what they do, by resolved path.
 
     Raises:
         InvalidKnowledgeBase: with every error found.
@@ -71,7 +76,7 @@ def load(*sources: str | Path, sections: Mapping[str, type[BaseModel]] | None = 
     if not sources:
         raise KnowledgeBaseError("no knowledge base is named", suggestion="such as load('aeb')")
     try:
-        chain = _chain([_path_of(source) for source in sources])
+        chain = _chain([_path_of(source) for source in sources], texts or {})
         merged = _merge(chain)
     except InvalidKnowledgeBase:
         raise
@@ -113,7 +118,7 @@ def _bundled(name: str, place: Place | None) -> Path:
     return bundled_folder() / f"{name}.yaml"
 
 
-def _chain(paths: Sequence[Path]) -> list[Document]:
+def _chain(paths: Sequence[Path], texts: Mapping[Path, str]) -> list[Document]:
     """Return the files in the order in which they apply: bases first, each once."""
     done: dict[Path, Document] = {}
 
@@ -126,7 +131,7 @@ def _chain(paths: Sequence[Path]) -> list[Document]:
             )
         if real in done:
             return
-        document = _read(path)
+        document = _read(path, texts.get(real))
         for base, base_place in _bases(document):
             visit(_base_path(base, path.parent, base_place), (*above, real), base_place)
         done[real] = document
@@ -160,10 +165,10 @@ def _base_path(name: str, folder: Path, place: Place | None) -> Path:
 # -- one file -----------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> Document:
+def _read(path: Path, text: str | None) -> Document:
     """Return a file whose shape is that of a knowledge base, though parts may be missing."""
     try:
-        document = strict_yaml.read(path)
+        document = strict_yaml.read(path) if text is None else strict_yaml.parse(text, str(path))
     except FileError as error:
         if error.suggestion or path.exists():
             raise

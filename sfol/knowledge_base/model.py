@@ -51,6 +51,7 @@ class KnowledgeBase(Parts):
         observed_signals: how signals are, by name.
         tests: cases of the last file; inherited ones do not run for an overlay.
         files: the files that it was made from, in the order in which they were applied.
+        version: of the format, by which it was read.
 
     Example:
         >>> kb = KnowledgeBase.load("aeb")

@@ -205,6 +205,7 @@ class Parts:
     observed_signals: Mapping[str, Formula] = field(default_factory=dict)
     tests: tuple[Case, ...] = ()
     files: tuple[str, ...] = ()
+    version: int = FORMAT_VERSION
 
 
 def fields_of(observation: Mapping[str, Source], sort: Sort) -> dict[str, tuple[str, int]]:

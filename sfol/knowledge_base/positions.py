@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import yaml
@@ -22,6 +23,41 @@ class Entry(NamedTuple):
     path: Keys
     key: yaml.Node
     value: yaml.Node
+
+
+class Edit(NamedTuple):
+    """A part of a text that another one replaces.
+
+    Attributes:
+        start: where it begins.
+        end: where it ends.
+        text: what stands there instead.
+        of: what it was, where the edit is of a name.
+    """
+
+    start: int
+    end: int
+    text: str
+    of: str = ""
+
+
+def edited(text: str, edits: Iterable[Edit]) -> str:
+    """Return a text with parts of it replaced; they do not overlap."""
+    parts, done = [], 0
+    for edit in sorted(edits):
+        parts += [text[done : edit.start], edit.text]
+        done = edit.end
+    return "".join([*parts, text[done:]])
+
+
+def inside(node: yaml.Node, source: str) -> tuple[int, int]:
+    """Return where the text of a scalar begins and ends, without its quotes or block mark."""
+    start, end = node.start_mark.index, node.end_mark.index
+    if not isinstance(node, yaml.ScalarNode) or node.style is None:
+        return start, end
+    if node.style in ("'", '"'):
+        return start + 1, end - 1
+    return start + re.search(r"[\r\n]|\Z", source[start:]).start(), end  # type: ignore[union-attr]
 
 
 def entries(text: str) -> Iterator[Entry]:

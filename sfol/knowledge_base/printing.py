@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from sfol.knowledge_base.format import FORMAT_VERSION, Case
+from sfol.knowledge_base.format import Case
 from sfol.knowledge_base.model import KnowledgeBase
 from sfol.knowledge_base.parts import ObservedFact, Predicate, Rule, ScheduledNumber
 
@@ -35,7 +35,7 @@ def to_yaml(kb: KnowledgeBase) -> str:
 
 def _file(kb: KnowledgeBase) -> dict[str, Any]:
     return {
-        "version": FORMAT_VERSION,
+        "version": kb.version,
         "name": kb.name,
         "description": kb.description,
         "subject": kb.subject,
