@@ -450,8 +450,8 @@ class Reader:
         return ClauseError(
             f"'{name}' is an operator over time and no predicate",
             name=name,
-            suggestion=f"it speaks of atoms of a body, as {name}(P(X)); call a predicate otherwise, "
-            f"as `sfol migrate` does in a file of version 1",
+            suggestion=f"it speaks of atoms of a body, as {name}(P(X)); call a predicate "
+            "otherwise, as `sfol migrate` does in a file of version 1",
             offset=self.names[-1][1],
         )
 

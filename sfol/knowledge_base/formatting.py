@@ -152,4 +152,3 @@ def clause_of(entry: Entry) -> yaml.Node | None:
         ):
             return entry.value
     return None
-

@@ -10,6 +10,7 @@ from sfol.clauses import Body, Clause, WrittenRule
 from sfol.facts import TRUE, Bound
 from sfol.formula import Formula
 from sfol.knowledge_base.format import (
+    FORMAT_VERSION,
     Case,
     Grounding,
     Semantics,

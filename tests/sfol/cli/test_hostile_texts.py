@@ -42,7 +42,16 @@ terms: {{{name}: {{weight: {name}, formula: k * v, parameters: {{k: 1}}, descrip
 tests: [{{name: {name}, facts: P(ego)., signals: {{v: 1}}, expect: {{reward: 2}}}}]
 """
 COMMANDS = [
-    *(["check"], ["test"], ["show"], ["lint"], ["fmt", "--check"], ["graph"], ["diff", "aeb"]),
+    *(
+        ["check"],
+        ["test"],
+        ["show"],
+        ["lint"],
+        ["fmt", "--check"],
+        ["migrate", "--check"],
+        ["graph"],
+        ["diff", "aeb"],
+    ),
     ["explain", "--facts", "P(ego).", "-s", "v=1"],
 ]
 

@@ -11,7 +11,7 @@ from sfol import KnowledgeBase, RewardFunction
 from sfol.tools.starting import DOMAIN
 from tests.sfol.command_line import ROOT, sfol
 
-COMMANDS = ["check", "diff", "explain", "fmt", "graph", "init", "lint", "replay", "schema", "show", "test"]  # fmt: skip
+COMMANDS = ["check", "diff", "explain", "fmt", "graph", "init", "lint", "migrate", "replay", "schema", "show", "test"]  # fmt: skip
 
 
 OBSERVE = "position=2.4, _, left_leg=0.2095, _"

@@ -12,7 +12,17 @@ from sfol.logs import LogWriter
 from tests.sfol.command_line import ROOT, sfol
 
 COMMANDS = [
-    *(["check"], ["test"], ["show"], ["lint"], ["fmt"], ["fmt", "--check"], ["graph"], ["explain"]),
+    *(
+        ["check"],
+        ["test"],
+        ["show"],
+        ["lint"],
+        ["fmt"],
+        ["fmt", "--check"],
+        ["migrate"],
+        ["graph"],
+        ["explain"],
+    ),
     *(["bench"], ["diff"], ["diff", "aeb"], ["replay"], ["lint", "aeb", "--log"]),
     *(["diff", "aeb", "aeb", "--log"], ["explain", "aeb", "--facts"]),
 ]
