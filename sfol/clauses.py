@@ -56,6 +56,7 @@ class Body:
         taken = {term for literal in ordered for term in literal.terms}
         names = (name for n in count(1) if (name := f"{ANONYMOUS}{n}") not in taken)
         apart = tuple([literal.named_apart(names) for literal in ordered])
+        # Explanations make thousands of bodies, of few kinds of literals.
         if any(issubclass(kind, Quantified) for kind in set(map(type, apart))):
             apart = tuple(_beside_each_other(apart))
         object.__setattr__(self, "literals", apart)

@@ -52,7 +52,7 @@ class Node:
 
     Attributes:
         kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
-            ``fact``, ``counted`` (one of those that a count counts), ``of`` (one of those of whom a
+            ``fact``, ``counted`` (one of those that a count counts), ``each`` (one of those of whom a
             forall speaks), ``nothing`` (a head that was
             not concluded) or ``miss`` (a rule that did not fire, with what it lacked).
         text: the statement, in one line.
@@ -316,8 +316,8 @@ class _Prover:
         """Return a node for a forall, with all of whom it speaks, the worst of them first."""
         found = [(key, literal.bound(c)) for key, c in literal.counterexamples(self._tables)]
         names = literal.forall.quantified
-        below = self._each("of", names, found, lambda key: self._inside(literal.holding, key))
-        values = {"literal": str(literal), "bound": list(bound), "of": len(found)}
+        below = self._each("each", names, found, lambda key: self._inside(literal.holding, key))
+        values = {"literal": str(literal), "bound": list(bound), "each": len(found)}
         return Node("literal", f"{literal} {bound}  of {len(found)}", values, below)
 
     def _each(

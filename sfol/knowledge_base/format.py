@@ -50,7 +50,7 @@ class RuleEntry(_Section):
 
     rule: str = Field(
         description="Such as head(X) :- Body(X), not Other(X), (P(X) or Q(X)), X != Y, "
-        "count(Z: R(Z, X)) >= 2."
+        "count(Z: R(Z, X)) >= 2, forall(Z: R(Z, X))(P(Z))."
     )
     description: str = Field("", description="What it says, in one sentence.")
     threshold: float = Field(

@@ -101,7 +101,7 @@ class Counted(Positive):
         given = {name: value for name, value in values.items() if name not in self.count.quantified}
         return replace(
             self,
-            atom=self.atom.substituted(values),
+            atom=self.atom.substituted(given),
             count=self.count.substituted(given),
             each=self.each.substituted(given),
         )

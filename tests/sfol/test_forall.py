@@ -3,7 +3,7 @@
 import pytest
 
 from sfol import Facts, KnowledgeBase, RewardFunction
-from sfol.clauses import parse_clause
+from sfol.clauses import parse_clause, parse_rule
 from sfol.errors import ClauseError, InvalidKnowledgeBase, KnowledgeBaseError
 from sfol.knowledge_base import KnowledgeBaseFile
 from sfol.knowledge_base.formatting import format_clause
@@ -233,9 +233,23 @@ def test_a_rule_covers_another_only_with_the_same_forall(special, covered):
 
 
 def test_pyreason_refuses_it_by_its_text():
-    rule = parse_clause("h(X) :- V(X), forall(Y: P(Y))(Q(Y)).")
-    with pytest.raises(KnowledgeBaseError, match=r"PyReason can't express .*forall\(Y: P"):
-        [literal.query(program(every("P(X)")).rules["rule0"]) for literal in rule.body.literals]
+    pytest.importorskip("pyreason")
+    kb = program(every("forall(Y: P(Y))(Q(Y))"))
+    with pytest.raises(KnowledgeBaseError, match="can't express the literal 'forall") as caught:
+        RewardFunction(kb, engine="pyreason")
+    assert caught.value.suggestion == "use engine='compiled'"
+
+
+def test_it_stands_beside_or_and_on_the_right_of_implies():
+    kb = program("h(X) :- V(X), (forall(Y: P(Y))(Q(Y)) or S(X, X)).", conjunction="minimum")
+    assert_bounds(kb, "V(ego). P(a).", None)
+    assert_bounds(kb, "V(ego). P(a). S(ego, ego): 0.4.", (0.4, 0.4))
+    assert_bounds(kb, "V(ego). P(a). Q(a): 0.9. S(ego, ego): 0.4.", (0.9, 0.9))
+    kb = program("h(X) :- V(X), (S(X, X) implies forall(Y: P(Y))(Q(Y))).", conjunction="minimum")
+    assert_bounds(kb, "V(ego). P(a).", (1.0, 1.0))
+    assert_bounds(kb, "V(ego). P(a). S(ego, ego).", None)
+    with pytest.raises(ClauseError, match="can't stand to the left of 'implies'"):
+        parse_rule("h(X) :- V(X), (forall(Y: P(Y))(Q(Y)) implies S(X, X)).")
 
 
 def test_a_knowledge_base_without_has_no_further_rules():

@@ -127,6 +127,15 @@ def test_operators_stand_in_counts():
     ]  # fmt: skip
 
 
+def test_operators_stand_in_foralls():
+    scenes = ["Near(a1).", "", "Near(a2).", "Near(a2). Warned(a2).", ""]
+    body = "Warned(X), forall(P: once[1](Near(P)))(once[1](Warned(P)))"
+    scenes = [f"Warned(pilot). {scene}" for scene in scenes]
+    assert [b is not None for b in course(body, scenes)] == [
+        False, False, False, True, True,
+    ]  # fmt: skip
+
+
 def test_conditions_of_entity_weights():
     more = "entity_weights:\n  - {when: 'once[0.5](Near(X))', weight: 0.75}\n"
     reward = sfol.RewardFunction(harbour("Near(X)", more=more))

@@ -163,7 +163,7 @@ def test_a_bundled_name_that_is_misspelt():
         ("normalizer: 1", "normalizer: 0", 17, 10, "greater than 0", ""),
         ("normalizer: 1", "normalizer: one", 17, 22, "not 'one'", ""),
         ("{k: 2.0}", "{k: .nan}", 19, 59, "finite number", ""),
-        ("version: 1", "version: 2", 1, 1, "should be 1, not 2", ""),
+        ("version: 1", "version: 3", 1, 1, "should be 1 or 2, not 3", ""),
         ("subject: cook", "subject: Cook", 3, 10, "'Cook' is not a constant", "lower-case"),
         ("[Person(cook)]", "[Person(X)]", 4, 14, "has a variable, 'X'", ""),
         ("[Person(cook)]", "[Near(cook, pot)]", 4, 14, "is expected where the text ends", "in quotes"),
