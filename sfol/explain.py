@@ -52,9 +52,9 @@ class Node:
 
     Attributes:
         kind: ``reward``, ``term``, ``formula``, ``weight``, ``head``, ``rule``, ``literal``,
-            ``fact``, ``counted`` (one of those that a count counts), ``each`` (one of those of whom a
-            forall speaks), ``nothing`` (a head that was
-            not concluded) or ``miss`` (a rule that did not fire, with what it lacked).
+            ``fact``, ``counted`` (one of those that a count counts), ``each`` (one of those of
+            whom a forall speaks), ``nothing`` (a head that was not concluded) or ``miss`` (a rule
+            that did not fire, with what it lacked).
         text: the statement, in one line.
         values: its numbers and names, for programs.
         children: what it rests on.
