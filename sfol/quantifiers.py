@@ -1,8 +1,8 @@
 """Functions over all entities of a sort that are there: ``min(P.distance for P in person)``.
 
-Over nobody each has a value, too, the one that changes nothing: `min` is infinite, `sum` 0, `any`
-0 and `all` 1. Those two are the least and the greatest of confidences, the quantifiers of Gödel's
-logic (Hájek, "Metamathematics of Fuzzy Logic", 1998).
+Over nobody each but `mean` has a value, too, the one that changes nothing: `min` is infinite, `sum`
+0, `any` 0 and `all` 1; `mean` is 0/0, NaN. `any` and `all` are the greatest and the least of
+confidences, the quantifiers of Gödel's logic (Hájek, "Metamathematics of Fuzzy Logic", 1998).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 from sfol import arrays
-from sfol.arithmetic import FUNCTIONS
+from sfol.arithmetic import FUNCTIONS, OPERATORS
 from sfol.arrays import Array
 
 
@@ -51,16 +51,30 @@ class Quantifier:
         return self.combine(self.reduce(masked), self.of_nobody)
 
 
+class _Mean(Quantifier):
+    """The sum of the numbers by how many there are."""
+
+    def of_numbers(self, numbers: Iterable[float]) -> float:
+        every = list(numbers)
+        mean: float = _BY.of_numbers(super().of_numbers(every), float(len(every)))
+        return mean
+
+    def of_arrays(self, values: Array, there: Array) -> Array:
+        ones = arrays.where(there, 1.0, 0.0 * values)
+        return _BY.of_arrays(super().of_arrays(values, there), super().of_arrays(ones, there))
+
+
 def _smallest(values: Array) -> Array:
     return -arrays.largest(-values)
 
 
-_MIN, _MAX = FUNCTIONS["min"], FUNCTIONS["max"]
+_MIN, _MAX, _BY = FUNCTIONS["min"], FUNCTIONS["max"], OPERATORS["/"]
 
 QUANTIFIERS: Mapping[str, Quantifier] = {
     "min": Quantifier(_MIN.of_numbers, _MIN.of_arrays, _smallest, math.inf),
     "max": Quantifier(_MAX.of_numbers, _MAX.of_arrays, arrays.largest, -math.inf),
     "sum": Quantifier(operator.add, operator.add, arrays.total, 0.0),
+    "mean": _Mean(operator.add, operator.add, arrays.total, 0.0),
     "all": Quantifier(_MIN.of_numbers, _MIN.of_arrays, _smallest, 1.0),
     "any": Quantifier(_MAX.of_numbers, _MAX.of_arrays, arrays.largest, 0.0),
 }

@@ -12,7 +12,7 @@ from sfol.engines.lanes import Recorded
 from sfol.engines.tape import NotRecordableError, Tape
 from sfol.errors import FactError, FormulaError, SignalError
 from sfol.observations.plans import ObservedStep
-from tests.sfol.test_many_observations import drawn, load, part
+from tests.sfol.test_many_observations import NEAR, drawn, load, part
 
 SEEDS = st.integers(0, 2**32 - 1)
 SEMANTICS = [
@@ -142,6 +142,19 @@ FORALLS = {
 
 def test_foralls(tmp_path):
     reward = ready(load(tmp_path, FORALLS), step_of(0))
+    for seed in range(10):
+        assert_repeated(reward, step_of(seed, size=7))
+
+
+MEAN = {
+    f"from: 'min(5, {NEAR})'": (
+        "from: 'where(sum(1 for P in person) > 0, mean(P.x for P in person), 3)'"
+    )
+}
+
+
+def test_a_mean_over_entities(tmp_path):
+    reward = ready(load(tmp_path, MEAN), step_of(0))
     for seed in range(10):
         assert_repeated(reward, step_of(seed, size=7))
 
