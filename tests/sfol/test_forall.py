@@ -1,6 +1,8 @@
 """Statements about all: what some literals say of somebody, others say as well."""
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sfol import Facts, KnowledgeBase, RewardFunction
 from sfol.clauses import parse_clause, parse_rule
@@ -8,6 +10,8 @@ from sfol.errors import ClauseError, InvalidKnowledgeBase, KnowledgeBaseError
 from sfol.knowledge_base import KnowledgeBaseFile
 from sfol.knowledge_base.formatting import format_clause
 from sfol.knowledge_base.printing import to_yaml
+from sfol.syntax import Atom
+from sfol.testing import strategies
 from sfol.testing.naive import naive_conclusions
 from sfol.tools.graph import dependency_graph
 from sfol.tools.lint import lint
@@ -257,3 +261,47 @@ def test_a_knowledge_base_without_has_no_further_rules():
     reward = RewardFunction(program(every("forall(Y: P(Y))(Q(Y))")))
     assert {atom.predicate for atom in reward.evaluate(Facts.parse(PEOPLE)).derived} == {"h"}
     assert reward.evaluate(Facts.parse(PEOPLE)).fired == {"rule0"}
+
+
+RULES = [
+    "h(X) :- V(X), forall(Y: P(Y))(Q(Y)).",
+    "h(X) :- V(X), forall(Y: P(Y), R(Y, X))(S(Y, Z), Q(Z), not R(Z, X)).",
+    "h(X) :- P(X), forall(Y, Z: R(Y, Z), Y != Z)(S(Z, Y) >= 0.25, not Q(Y)).",
+    "e(X, Z) :- R(X, Z), forall(Y: P(Y), not S(Y, _))(not R(Y, Z), Y != X).",
+    "e(X, Z) :- P(X), Q(Z), forall(Y: V(Y))(R(Y, X), R(Y, Z)).",
+    "h(ego) :- forall(Y: P(Y), R(Y, Z))(Q(Y), S(b, Y)).",
+]
+ATOMS = [f"{name}({one})" for name in "PQV" for one in ("a", "b", "ego")]
+ATOMS += [f"{name}({one}, {two})" for name in "RS" for one in ("a", "b") for two in ("b", "ego")]
+
+
+@pytest.mark.parametrize("rule", RULES)
+@settings(max_examples=15)
+@given(
+    st.dictionaries(st.sampled_from(ATOMS), strategies.bounds(), min_size=6),
+    st.sampled_from(["average", "minimum", "product", "lukasiewicz"]),
+    st.sampled_from([0.0, 0.25, 0.5]),
+    st.sampled_from([0.0, 0.25, 0.5]),
+)
+def test_engines_agree(rule, known, conjunction, threshold, negation_threshold):
+    thresholds = {"threshold": threshold, "negation_threshold": negation_threshold}
+    # What reads heads makes them concluded for everybody, over arrays as well.
+    reader = "g(ego) :- h(_)."
+    kb = program({"rule": rule, **thresholds}, reader, conjunction=conjunction)
+    facts = Facts.parse("".join(f"{a}: [{b.lower!r}, {b.upper!r}]. " for a, b in known.items()))
+    reward = RewardFunction(kb)
+    expected = naive_conclusions(kb, facts)
+    every = [dict(reward.conclude(facts).derived), *(
+        dense_conclusions(kb, [Facts(), facts], sorts)[1] for sorts in (1, 2)
+    )]  # fmt: skip
+    for found in every:
+        assert found.keys() == expected.keys()
+        for atom, bound in expected.items():
+            assert found[atom] == pytest.approx(tuple(bound), abs=1e-9)
+    subjects = reward.evaluate(reward.batch([facts])).bounds.get("h")
+    if subjects is not None:
+        bound = expected.get(Atom("h", ("ego",)))
+        assert bool(subjects.known[0]) == (bound is not None)
+        if bound is not None:
+            assert float(subjects.lower[0]) == pytest.approx(bound.lower, abs=1e-9)
+            assert float(subjects.upper[0]) == pytest.approx(bound.upper, abs=1e-9)
