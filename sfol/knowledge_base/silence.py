@@ -59,7 +59,9 @@ def silences(kb: KnowledgeBase, known: Collection[str] = ()) -> tuple[Silence, .
 def _unnamed_subject(kb: KnowledgeBase, named: Collection[str]) -> Iterator[Silence]:
     background = _constants(*kb.background)
     rules = _constants(*(atom for rule in kb.rules.values() for atom in _atoms_of(rule)))
-    if background and kb.weighed.intersection(kb.heads) and kb.subject not in {*named, *rules}:
+    weighed = kb.weighed.intersection(kb.heads)
+    about_subject = any(kb.predicates[head].arity for head in weighed)  # propositions are not
+    if background and about_subject and kb.subject not in {*named, *rules}:
         yield Silence(
             "subject",
             ("subject",),

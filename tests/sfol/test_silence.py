@@ -122,6 +122,11 @@ def test_sf018_a_subject_that_nothing_names(door, more):
     assert message == "nothing names the subject 'ego'; the background is about 'robot'"
 
 
+def test_sf018_a_head_about_nobody_needs_no_subject(door):
+    nobody = {"subject: robot\n": "", OUT: "out :- Robot(X), Near(D, X), Door(D)."}
+    assert found(door(nobody)) == []
+
+
 def test_sf019_a_variable_in_small_letters(door):
     code, path, message = only(door({OUT: "out(X) :- Robot(X), Near(d, X), Door(d)."}))
     assert (code, path) == ("SF019", ("rules", "out"))
