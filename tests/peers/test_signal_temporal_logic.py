@@ -120,6 +120,12 @@ def test_an_example_by_hand():
     assert found == pytest.approx([-0.5, 0.25, 0.25, 0.25])
 
 
+@given(some_signals)
+def test_held_is_historically_once_its_duration_has_passed(signals):
+    for t, found in enumerate(confidences(signals)):
+        assert found["steady"] == (0 if t < 4 else pytest.approx(found["always"]))
+
+
 def monitored(text, signals):
     rtamt = pytest.importorskip("rtamt", reason="the monitor rtamt is not installed")
     monitor = rtamt.StlDiscreteTimeSpecification()
