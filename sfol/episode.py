@@ -17,6 +17,7 @@ from sfol.engines.tables import Tables
 from sfol.errors import expect
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase
+from sfol.knowledge_base.recursion import components
 from sfol.literals.search import Constants
 from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.outcome import Outcome
@@ -149,21 +150,17 @@ def _levels(kb: KnowledgeBase) -> dict[str, int]:
     levels: dict[str, int] = {}
 
     def level(name: str) -> int:
-        if name not in levels:
-            levels[name] = found(name)
-        return levels[name]
+        if not isinstance(name, Timed):
+            return levels.get(name, 0)
+        operands = () if name.operator.strict else name.operands
+        return max((level(a.predicate) + (a.predicate in heads) for a in operands), default=0)
 
-    def found(name: str) -> int:
-        if isinstance(name, Timed):
-            operands = () if name.operator.strict else name.operands
-            return max((level(a.predicate) + (a.predicate in heads) for a in operands), default=0)
-        rules = (rule for rule in kb.rules.values() if rule.clause.head.predicate == name)
+    # A component comes after all that it reads, and what it reads of itself counts for nothing.
+    for predicates, _ in components(kb.rules.values()):
+        rules = (r for r in kb.rules.values() if r.clause.head.predicate in predicates)
         read = (name for rule in rules for name in rule.clause.body.asked)
-        return max(map(level, read), default=0)
-
-    for name in (*kb.timed, *heads):
-        level(name)
-    return levels
+        levels |= dict.fromkeys(predicates, max(map(level, read), default=0))
+    return levels | {name: level(name) for name in kb.timed}
 
 
 def _needed(kb: KnowledgeBase, timed: tuple[Timed, ...]) -> frozenset[str]:

@@ -20,6 +20,7 @@ from sfol.engines.tables import Tables
 from sfol.errors import expect
 from sfol.facts import TRUE, Bound
 from sfol.knowledge_base import KnowledgeBase, RewardTerm, Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals import AtomLiteral, Counted, Literal, NoCounterexample, Ranging
 from sfol.literals.search import WORK_LIMIT, Constants, Row
 from sfol.outcome import Outcome
@@ -159,6 +160,7 @@ class _Prover:
         self._tables = outcome.conclusions.tables
         self._outcome = outcome
         self._signals = signals
+        self._before: dict[Component, list[Tables]] = {}
         self._left = _SHOWN_STATEMENTS
         self._levels = 0
 
@@ -229,7 +231,7 @@ class _Prover:
             "head",
             text,
             {**values, "bound": list(bound), "confidence": confidence},
-            tuple(self._proofs(atom)),
+            self._proofs(atom),
         )
 
     def _misses(self, head: str) -> Iterator[Node]:
@@ -239,12 +241,51 @@ class _Prover:
             if miss is not None:
                 yield _miss_node(rule, miss, self._tables)
 
-    def _proofs(self, atom: Atom) -> Iterator[Node]:
-        """Yield one node for every rule that concludes an atom."""
-        for rule, plan in self._engine.program.rules.get(atom.predicate, ()):
-            bound = self._engine.rule_bounds(rule, plan, self._tables).get(atom.arguments)
-            if bound is not None:
-                yield self._rule(rule, atom, bound)
+    def _proofs(self, atom: Atom) -> tuple[Node, ...]:
+        """Return one node for every rule that concludes an atom.
+
+        An atom that depends on itself is proved from what was known before it was first concluded
+        with its bound, so that no proof rests on what it proves.
+        """
+        now, before = self._tables, self._known_before(atom)
+        if before is None:
+            return ()
+        self._tables = before
+        proofs = tuple(
+            self._rule(rule, atom, bound)
+            for rule, plan in self._engine.program.rules.get(atom.predicate, ())
+            if (bound := self._bound_of(rule, plan, atom)) is not None
+        )
+        self._tables = now
+        return proofs
+
+    def _bound_of(self, rule: Rule, plan: Plan, atom: Atom) -> Bound | None:
+        """Return the bound with which a rule concludes an atom, if it does."""
+        return self._engine.rule_bounds(rule, plan, self._tables).get(atom.arguments)
+
+    def _known_before(self, atom: Atom) -> Tables | None:
+        """Return what was known when an atom was first concluded with the bound that it has now.
+
+        Of an atom that depends on itself and has this bound without any rule there is nothing.
+        """
+        stratum = self._engine.program.recursive.get(atom.predicate)
+        if stratum is None:
+            return self._tables
+        before = self._rounds(stratum)
+        now = next((i for i, tables in enumerate(before) if tables is self._tables), -1)
+        bound = before[now].bound(atom)
+        first = next(i for i, tables in enumerate(before) if tables.bound(atom) == bound)
+        return before[first - 1] if first else None
+
+    def _rounds(self, stratum: Component) -> list[Tables]:
+        """Return what was known before each round in which heads of a stratum were concluded."""
+        if stratum not in self._before:
+            conclusions = self._outcome.conclusions
+            asserted = {a: b for a, b in conclusions.asserted if a.predicate in stratum.predicates}
+            start = conclusions.tables.without(stratum.predicates).extended(asserted)
+            rounds = self._engine.rounds(stratum, start)
+            self._before[stratum] = [one.before for one in rounds]
+        return self._before[stratum]
 
     def _rule(self, rule: Rule, atom: Atom, bound: Bound) -> Node:
         plan = self._engine.program.head_plan(rule)
@@ -298,11 +339,20 @@ class _Prover:
             return self._count(literal, bound)
         if isinstance(literal, NoCounterexample):
             return self._of_all(literal, bound)
-        derived = literal.monotone and atom in self._outcome.derived
-        source = "derived" if derived else self._origin(literal)
+        derived = self._is_derived(literal)
+        source = self._how_derived(atom, bound) if derived else self._origin(literal)
         values = {"literal": str(literal), "bound": list(bound), "source": source}
         proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
+
+    def _is_derived(self, literal: AtomLiteral) -> bool:
+        """Tell whether rules conclude what is known of a literal's atom."""
+        derived = literal.monotone and literal.atom in self._outcome.derived
+        return derived and self._known_before(literal.atom) is not None
+
+    def _how_derived(self, atom: Atom, bound: Bound) -> str:
+        last = self._outcome.derived[atom]
+        return "derived" if bound == last else f"derived, and in the end {last}"
 
     def _count(self, literal: Counted, bound: Bound) -> Node:
         """Return a node for a count, with all that count, the best of them first."""
@@ -348,7 +398,7 @@ class _Prover:
         if self._left <= 0 or self._levels >= _SHOWN_LEVELS:
             return (_left_out(),)
         self._levels += 1
-        proofs = tuple(self._proofs(atom))
+        proofs = self._proofs(atom)
         self._levels -= 1
         return proofs
 

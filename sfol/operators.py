@@ -263,6 +263,11 @@ def with_certainty(conjunction: Operator, certainty: Bound) -> Callable[[Iterabl
     return lambda bounds: times(conjunction(bounds), certainty)
 
 
+def greater(left: Bound, right: Bound) -> Bound:
+    """Return the greater one of the lower bounds, and of the upper bounds."""
+    return Bound(max(left.lower, right.lower), max(left.upper, right.upper))
+
+
 def negation(bound: Bound) -> Bound:
     """Return [1 − u, 1 − l], the bound of the negated atom."""
     return Bound(1.0 - bound.upper, 1.0 - bound.lower)

@@ -489,6 +489,13 @@ class RewardFunction:
             >>> reward = RewardFunction("cartpole")
             >>> graph = torch.compile(reward.on_tensors(torch.zeros(1, 4)), fullgraph=True)
         """
+        for head in self._engine.program.recursive:
+            raise UsageError(
+                f"'{head}' depends on itself, and how many rounds it takes to conclude it is not "
+                "known before: that is no graph",
+                name=head,
+                suggestion="let rules conclude it that do not read it, or call `transitions`",
+            )
         step = (observation, action, next_observation, native, terminated, truncated)
         first = [first_of(part) for part in step]
         self.transitions(*first)  # which says what is wrong, if anything is

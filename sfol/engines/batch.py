@@ -20,6 +20,7 @@ from sfol.engines.tables import Tables
 from sfol.errors import FactError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals import AtomLiteral, Reading, Search
 from sfol.literals.search import Constants, matching
 from sfol.syntax import Atom
@@ -182,7 +183,7 @@ class _Encoder:
         self._atoms: list[tuple[int, Atom]] = []
         self._bounds: list[tuple[float, float]] = []
         self._known: list[bool] = []
-        self._heads = [_HeadRows(program, head) for head in program.strata]
+        self._heads = [_HeadRows(program, head) for head in program.heads]
 
     def add(self, facts: Facts) -> None:
         self._program.check(facts)
@@ -191,6 +192,8 @@ class _Encoder:
         for atom, bound in tables.items():
             rows[atom] = self._new_row(atom, bound, known=True)
         for head in self._heads:
+            if head.name in self._program.recursive:
+                self._put_possible(self._program.recursive[head.name], tables, rows)
             concluded = head.substitutions(tables)
             subject = self._program.subject_heads.get(head.name)
             # The subject's asserted heads count without any rule.
@@ -219,6 +222,20 @@ class _Encoder:
             strata=tuple(head.stratum(len(self._atoms)) for head in self._heads),
             program=self._program,
         )
+
+    def _put_possible(
+        self, stratum: Component, tables: Tables, rows: dict[tuple[str, Constants], int]
+    ) -> None:
+        """Give every atom a row that heads which depend on each other could conclude."""
+        heads = [head for head in self._heads if head.name in stratum.predicates]
+        while new := {
+            atom: TRUE
+            for head in heads
+            for atom, _, _ in head.substitutions(tables)
+            if atom not in rows
+        }:
+            rows.update((atom, self._new_row(atom, (0.0, 0.0), known=False)) for atom in new)
+            tables.revise(new)
 
     def _new_row(self, atom: Atom, bound: tuple[float, float], *, known: bool) -> int:
         self._atoms.append((self._size, atom))

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
+import numpy as np
+
 from sfol.arrays import Array, Backend
 from sfol.engines.batch import Batch, Groundings, Patterns, Stratum
 from sfol.facts import TRUE, Bound
@@ -39,6 +41,11 @@ class Bounds:
             return self
         return Bounds(self.lower * certainty.lower, self.upper * certainty.upper, self.known)
 
+    def equals(self, other: Bounds, backend: Backend) -> bool:
+        """Tell whether other bounds are the same to the last bit."""
+        ends = (self.lower, other.lower), (self.upper, other.upper), (self.known, other.known)
+        return all(np.array_equal(backend.plain(one), backend.plain(two)) for one, two in ends)
+
 
 def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
     """Return the bounds of the subject's heads.
@@ -51,11 +58,16 @@ def conclude(batch: Batch, backend: Backend) -> dict[str, Bounds]:
         Unary head → its bounds in the B scenes.
     """
     evaluation = _Evaluation(batch, backend)
-    heads = [(stratum, evaluation.stratum(stratum)) for stratum in batch.strata]
+    strata = {stratum.head: stratum for stratum in batch.strata}
+    heads: dict[str, Bounds] = {}
+    for component in batch.program.strata:
+        heads |= evaluation.component(
+            [strata[head] for head in component.predicates], recursive=component.recursive
+        )
     return {
-        stratum.head: evaluation.by_scene(stratum, bounds)
-        for stratum, bounds in heads
-        if stratum.head in batch.program.subject_heads
+        head: evaluation.by_scene(strata[head], bounds)
+        for head, bounds in heads.items()
+        if head in batch.program.subject_heads
     }
 
 
@@ -76,12 +88,21 @@ class _Evaluation:
         self._upper = backend.real(batch.upper)
         self._known = backend.array(batch.known)
         self._possible = self._known & (self._upper > 0.0)
+        self._given = Bounds(self._lower, self._upper, self._known)
+
+    def component(self, strata: Sequence[Stratum], *, recursive: bool) -> dict[str, Bounds]:
+        """Conclude heads in every scene; those that depend on each other until nothing changes."""
+        found = {stratum.head: self.stratum(stratum) for stratum in strata}
+        while recursive:
+            before, found = found, {stratum.head: self.stratum(stratum) for stratum in strata}
+            recursive = not all(found[head].equals(before[head], self.backend) for head in found)
+        return found
 
     def stratum(self, stratum: Stratum) -> Bounds:
         """Conclude one head in every scene."""
         if stratum.patterns is not None:
             self._match(stratum.patterns)
-        disjuncts = [self._at(stratum.rows)]
+        disjuncts = [self._asserted(stratum.rows)]
         disjuncts += [self._concluded(rule, len(stratum.rows)) for rule in stratum.rules]
         concluded = self._either(disjuncts)
         if stratum.head in self._batch.program.read_heads:
@@ -118,6 +139,12 @@ class _Evaluation:
         self._upper = self.backend.put(self._upper, rows, bounds.upper)
         self._known = self.backend.put(self._known, rows, bounds.known)
         self._possible = self._known & (self._upper > 0.0)
+
+    def _asserted(self, rows: Any) -> Bounds:
+        """Return the bounds of some atoms before any conclusion."""
+        rows, given = self.backend.array(rows), self._given
+        take = self.backend.take
+        return Bounds(take(given.lower, rows), take(given.upper, rows), take(given.known, rows))
 
     def _at(self, rows: Any) -> Bounds:
         rows = self.backend.array(rows)

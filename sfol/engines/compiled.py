@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 
 from sfol.clauses import Body
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
+from sfol.engines.rounds import Conjunction, Recursion, Round
 from sfol.engines.tables import Tables
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals import Search
 from sfol.literals.search import WORK_LIMIT, Constants
 from sfol.operators import (
@@ -20,12 +22,11 @@ from sfol.operators import (
     DISJUNCTIONS,
     Gathering,
     Operator,
+    greater,
     times,
     with_certainty,
 )
 from sfol.syntax import Atom, variables
-
-_Conjunction = Callable[[Iterable[Bound]], Bound]  # of a rule: its certainty is part of it
 
 
 class CompiledEngine:
@@ -59,7 +60,12 @@ class CompiledEngine:
             for rule in rules
             if gathers[rule.name] is None and len(variables(*rule.clause.head.arguments)) <= 2
         )
-        self._strata = tuple(self._stratum_of(head) for head in self.program.strata)
+        self._recursions = {
+            stratum: Recursion(self.program, stratum, self.rule_bounds, self._conjunctions)
+            for stratum in self.program.strata
+            if stratum.recursive
+        }
+        self._strata = tuple(map(self._stratum_of, self.program.strata))
 
     def conclude(self, facts: Facts) -> Conclusions:
         """Return everything that follows from facts.
@@ -74,6 +80,7 @@ class CompiledEngine:
         """
         self.program.check(facts)
         tables = Tables.of(facts, self._background)
+        asserted = self.program.asserted(tables) if self._recursions else ()
         derived: dict[Atom, Bound] = {}
         for conclude in self._strata:
             for atom, bound in conclude(tables):
@@ -82,7 +89,7 @@ class CompiledEngine:
         if further := self.program.auxiliary:
             derived = {atom: b for atom, b in derived.items() if atom.predicate not in further}
         everything = _Derived(derived, lambda: self._others(tables))
-        return Conclusions(tables, everything, self.program)
+        return Conclusions(tables, everything, self.program, None, asserted)
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> dict[Constants, Bound]:
         """Return what one rule alone concludes: arguments of its head → bound."""
@@ -101,6 +108,15 @@ class CompiledEngine:
         plan.search(tables, visit)
         return {head: found.bound() for head, found in gathered.items() if found}
 
+    def rounds(self, stratum: Component, tables: Tables) -> Iterator[Round]:
+        """Yield the rounds by which heads that depend on each other are concluded.
+
+        Args:
+            stratum: the heads.
+            tables: what is known without them; it is not changed.
+        """
+        return self._recursions[stratum].rounds(tables)
+
     def _pooled_bounds(self, rule: Rule, tables: Tables) -> Iterator[tuple[Constants, Bound]]:
         """Yield what `rule_bounds` returns, without a walk through all substitutions."""
         plan, head = self.program.head_plan(rule), rule.clause.head
@@ -111,7 +127,10 @@ class CompiledEngine:
                 arguments = head.substituted(dict(zip(names, values, strict=True))).arguments
                 yield arguments, conjunction(support.values())
 
-    def _stratum_of(self, head: str) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
+    def _stratum_of(self, stratum: Component) -> Callable[[Tables], list[tuple[Atom, Bound]]]:
+        if stratum.recursive:
+            return lambda tables: self._recursive(stratum, tables)
+        (head,) = stratum.predicates
         if not self.program.for_subject_alone(head):
             return lambda tables: list(self._all(head, tables))
         atom = self.program.subject_heads[head]
@@ -120,6 +139,13 @@ class CompiledEngine:
             for rule, plan, given in self.program.plans(head)
         ]
         return lambda tables: self._subjects(atom, plans, tables)
+
+    def _recursive(self, stratum: Component, tables: Tables) -> list[tuple[Atom, Bound]]:
+        derived: dict[Atom, Bound] = {}
+        for one in self.rounds(stratum, tables):
+            derived.update(one.concluded)
+        tables.revise(derived)
+        return list(derived.items())
 
     def _subjects(
         self,
@@ -146,7 +172,7 @@ class CompiledEngine:
 
     def _others(self, tables: Tables) -> Iterator[tuple[Atom, Bound]]:
         """Yield the conclusions that concern neither the subject nor any body."""
-        for head in self.program.strata:
+        for head in self.program.heads:
             if self.program.for_subject_alone(head):
                 for atom, bound in self._all(head, tables):
                     if atom != self.program.subject_heads[head]:
@@ -183,7 +209,7 @@ class _Pool:
 
     __slots__ = ("_atoms", "_bounds", "_conjunction")
 
-    def __init__(self, conjunction: _Conjunction) -> None:
+    def __init__(self, conjunction: Conjunction) -> None:
         self._conjunction = conjunction
         self._atoms: dict[tuple[int, Constants], Bound] = {}
         self._bounds: Collection[Bound] = self._atoms.values()
@@ -211,7 +237,7 @@ class _Best:
 
     __slots__ = ("_best", "_conjunction")
 
-    def __init__(self, conjunction: _Conjunction) -> None:
+    def __init__(self, conjunction: Conjunction) -> None:
         self._conjunction = conjunction
         self._best: Bound | None = None
 
@@ -220,7 +246,7 @@ class _Best:
 
     def add(self, search: Search) -> None:
         bound = self._conjunction(search.bounds)
-        self._best = bound if self._best is None else self._greater(self._best, bound)
+        self._best = bound if self._best is None else greater(self._best, bound)
 
     def __bool__(self) -> bool:
         return self._best is not None
@@ -228,10 +254,6 @@ class _Best:
     def bound(self) -> Bound:
         assert self._best is not None, "asked only where something was found"
         return self._best
-
-    @staticmethod
-    def _greater(left: Bound, right: Bound) -> Bound:
-        return Bound(max(left.lower, right.lower), max(left.upper, right.upper))
 
 
 class _Gathered:

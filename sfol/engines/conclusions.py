@@ -23,12 +23,15 @@ class Conclusions:
             reads.
         derived: the atoms that some rule concluded, with their final bounds.
         memory: what the episode remembers after the step that they are of, if they are of one.
+        asserted: what facts and background say of heads that depend on themselves; the tables have
+            their final bounds.
     """
 
     tables: Tables
     derived: Mapping[Atom, Bound]
     _program: Program = field(repr=False, compare=False)
     memory: Memory | None = None
+    asserted: tuple[tuple[Atom, Bound], ...] = ()
 
     @cached_property
     def subject(self) -> str:
@@ -49,5 +52,5 @@ class Conclusions:
 
     def __getstate__(self) -> dict[str, Any]:
         # A program is made of closures, which no pickle holds; what it is asked for can be.
-        kept = ("tables", "derived", "subject", "fired", "memory")
+        kept = ("tables", "derived", "subject", "fired", "memory", "asserted")
         return {name: getattr(self, name) for name in kept}

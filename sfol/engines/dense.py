@@ -27,6 +27,7 @@ from sfol.engines.elimination import Names, eliminated, elimination_order
 from sfol.engines.program import Program
 from sfol.errors import WorkLimitError
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals import AtomLiteral, Literal
 from sfol.operators import BEST, DISJUNCTIONS, Gathering
 from sfol.syntax import ANONYMOUS, is_variable, variables
@@ -133,6 +134,9 @@ class _Typed:
         return frozenset((name, self.types[name]) for name in names)
 
 
+_Heads = Mapping[str, Sequence[Sequence[_Typed]]]  # head → its rules, each with all its domains
+
+
 class DenseProgram:
     """A program for blocks of some predicates and domains.
 
@@ -152,11 +156,9 @@ class DenseProgram:
         known: dict[str, dict[Axes, None]] = {}
         for predicate, axes in keys:
             known.setdefault(predicate, {})[axes] = None
-        self._strata: list[tuple[str, list[list[_Typed]]]] = []
-        for head in program.strata:
-            rules = [list(self._typed(rule, known)) for rule in program.needed_rules(head)]
-            self._strata.append((head, rules))
-            known.setdefault(head, {}).update((t.axes, None) for rule in rules for t in rule)
+        self._strata = [
+            (self._typed_heads(stratum, known), stratum.recursive) for stratum in program.strata
+        ]
         self._known = known
 
     def conclude(self, blocks: Blocks, backend: Backend, sizes: Sizes) -> dict[Key, Bounds]:
@@ -169,8 +171,10 @@ class DenseProgram:
             sizes: domain → how many entities it has here.
         """
         evaluation = _Evaluation(self, blocks, backend, sizes, self._offsets)
-        for head, rules in self._strata:
-            evaluation.stratum(head, rules)
+        for heads, recursive in self._strata:
+            evaluation.stratum(heads)
+            if recursive:
+                evaluation.repeat(heads)
         return evaluation.blocks
 
     def fired(self, blocks: Blocks, backend: Backend, sizes: Sizes, size: int) -> dict[str, Array]:
@@ -222,6 +226,19 @@ class DenseProgram:
                 )
             )
         return found
+
+    def _typed_heads(self, stratum: Component, known: dict[str, dict[Axes, None]]) -> _Heads:
+        """Return the rules of heads with domains, and add the heads' own domains to those known."""
+        while True:
+            heads = {
+                head: [list(self._typed(rule, known)) for rule in self.program.needed_rules(head)]
+                for head in stratum.predicates
+            }
+            before = sum(map(len, known.values()))
+            for head, rules in heads.items():
+                known.setdefault(head, {}).update((t.axes, None) for rule in rules for t in rule)
+            if not stratum.recursive or sum(map(len, known.values())) == before:
+                return heads
 
     def _typed(
         self,
@@ -344,6 +361,7 @@ class _Evaluation:
         self._sizes = sizes
         self._offsets = offsets
         self._atoms_of: dict[int, Bounds] = {}  # of an operand, which lives as long as the program
+        self._given = blocks
         self.blocks = dict(blocks)
         self.backend = backend
 
@@ -363,8 +381,27 @@ class _Evaluation:
         """Tell which atoms of a block are known and have an upper bound above 0."""
         return rows.known & (rows.upper > 0.0)
 
-    def stratum(self, head: str, rules: Sequence[Sequence[_Typed]]) -> None:
-        """Conclude one head."""
+    def stratum(self, heads: _Heads) -> None:
+        """Conclude heads, once."""
+        for head, rules in heads.items():
+            self._conclude(head, rules)
+        self._atoms_of.clear()  # they are other ones once heads are concluded again
+
+    def repeat(self, heads: _Heads) -> None:
+        """Conclude heads that depend on each other again, until nothing changes."""
+        before: Blocks = {}
+        while not self._rests(heads, before):
+            before = dict(self.blocks)
+            self.stratum(heads)
+
+    def _rests(self, heads: _Heads, before: Blocks) -> bool:
+        return all(
+            key in before and block.equals(before[key], self.backend)
+            for key, block in self.blocks.items()
+            if key[0] in heads
+        )
+
+    def _conclude(self, head: str, rules: Sequence[Sequence[_Typed]]) -> None:
         disjuncts: dict[Axes, list[Bounds]] = {}
         for typed in rules:
             for axes in dict.fromkeys(rule.axes for rule in typed):
@@ -372,7 +409,7 @@ class _Evaluation:
                 bounds = self._concluded(same).times(same[0].rule.certainty)
                 disjuncts.setdefault(axes, []).append(self._as_block(bounds, same[0]))
         for axes, found in disjuncts.items():
-            asserted = self.blocks.get((head, axes))
+            asserted = self._given.get((head, axes))
             every = found if asserted is None else [asserted, *found]
             self.blocks[head, axes] = self._either(every)
 

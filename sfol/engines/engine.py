@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol
 
 from sfol.engines.compiled import CompiledEngine
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.plan import Plan
 from sfol.engines.program import Program
+from sfol.engines.rounds import Round
 from sfol.engines.tables import Tables
 from sfol.errors import UsageError, did_you_mean, expect
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals.search import WORK_LIMIT, Constants
 
 
@@ -27,6 +29,10 @@ class Engine(Protocol):
 
     def rule_bounds(self, rule: Rule, plan: Plan, tables: Tables) -> Mapping[Constants, Bound]:
         """Return what one rule alone concludes."""
+        ...
+
+    def rounds(self, stratum: Component, tables: Tables) -> Iterator[Round]:
+        """Yield the rounds by which heads that depend on each other are concluded."""
         ...
 
 

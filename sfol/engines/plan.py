@@ -96,7 +96,7 @@ class Plan:
         try:
             self._first(Search(tables, self._values(given), literals, visit, self.limit))
         except ExhaustedError:
-            raise self._too_much(tables) from None
+            raise self.too_much(tables) from None
 
     @property
     def is_flat(self) -> bool:
@@ -118,7 +118,7 @@ class Plan:
         try:
             return self._flat.bounds(tables, self._values(given), self.limit)
         except ExhaustedError:
-            raise self._too_much(tables) from None
+            raise self.too_much(tables) from None
 
     @property
     def branches(self) -> bool:
@@ -164,9 +164,10 @@ class Plan:
         try:
             return of(Reduction(tables, self._values(given), literals, self.limit))
         except ExhaustedError:
-            raise self._too_much(tables) from None
+            raise self.too_much(tables) from None
 
-    def _too_much(self, tables: Tables) -> WorkLimitError:
+    def too_much(self, tables: Tables) -> WorkLimitError:
+        """Return the error of a search that has reached the limit."""
         entities = sorted(tables.entities())
         shown = ", ".join(entities[:5]) + (", …" if len(entities) > 5 else "")
         return WorkLimitError(

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from graphlib import TopologicalSorter
+from functools import cached_property
 
 from sfol.engines.matching import rule_criterion
 from sfol.engines.plan import Plan
 from sfol.engines.quantified import AuxiliaryRule, auxiliary_rules, without_quantified
+from sfol.engines.tables import Tables
 from sfol.errors import FactError, did_you_mean
-from sfol.facts import Facts
+from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.knowledge_base.parts import dependencies
+from sfol.knowledge_base.recursion import Component, components
 from sfol.literals import Criterion
 from sfol.literals.search import WORK_LIMIT
 from sfol.operators import CONJUNCTIONS, GATHERINGS, Gathering, Operator
@@ -29,7 +30,8 @@ class Program:
 
     Attributes:
         knowledge_base: what it was made from.
-        strata: heads in an order in which each depends on earlier ones only.
+        strata: heads in an order in which each depends on earlier ones only; those that depend on
+            each other together.
         rules: head → its rules with their plans, in the order of the file; in place of counts and
             foralls they read heads of further rules.
         auxiliary: the heads of these.
@@ -44,7 +46,7 @@ class Program:
     """
 
     knowledge_base: KnowledgeBase
-    strata: tuple[str, ...]
+    strata: tuple[Component, ...]
     rules: Mapping[str, tuple[tuple[Rule, Plan], ...]]
     auxiliary: frozenset[str]
     subject_heads: Mapping[str, Atom]
@@ -63,10 +65,9 @@ class Program:
         rules += [found.rule for found in auxiliary]
         further = dict.fromkeys(found.rule.clause.head.predicate for found in auxiliary)
         heads = (*kb.heads, *further)
-        order = TopologicalSorter(dependencies(rules)).static_order()
         return cls(
             knowledge_base=kb,
-            strata=tuple(name for name in order if name in heads),
+            strata=tuple(c for c in components(rules) if c.predicates[0] in heads),
             rules={
                 head: tuple(
                     (rule, rule_plan(rule, work_limit))
@@ -91,6 +92,16 @@ class Program:
             work_limit=work_limit,
         )
 
+    @cached_property
+    def heads(self) -> tuple[str, ...]:
+        """The heads in the order of `strata`."""
+        return tuple(head for stratum in self.strata for head in stratum.predicates)
+
+    @cached_property
+    def recursive(self) -> Mapping[str, Component]:
+        """The heads that depend on themselves → their strata."""
+        return {head: s for s in self.strata if s.recursive for head in s.predicates}
+
     def check(self, facts: Facts) -> None:
         """Make sure that facts fit the knowledge base.
 
@@ -101,6 +112,14 @@ class Program:
             given = len(next(iter(relation)))
             if self.arities.get(predicate) != given:
                 raise _unfit(predicate, given, self.arities)
+
+    def asserted(self, tables: Tables) -> tuple[tuple[Atom, Bound], ...]:
+        """Return what is known of heads that depend on themselves, before any conclusion."""
+        return tuple(
+            (Atom(head, key), bound)
+            for head in self.recursive
+            for key, bound in tables.rows(head).items()
+        )
 
     def plans(
         self, head: str, criterion: Criterion | None = None

@@ -5,7 +5,8 @@ over as it stands, but as one or several *queries* that mean the same to both:
 
 - Every rule has a private head, since PyReason intersects what several rules conclude; several
   rules with one head, and strata, are put together here. A rule's certainty is multiplied here,
-  too: PyReason concludes what the body comes to.
+  too: PyReason concludes what the body comes to. Rules that read what they conclude are run round
+  after round until one changes nothing.
 - Every clause has its threshold, since a clause without one means [1, 1]; atoms with upper bound 0
   are left out, since PyReason would let them pass at threshold 0.
 - ``not P(X)`` reads the predicate ``not.P``, whose atoms are asserted with [1 − u, 1 − l], or with
@@ -43,10 +44,12 @@ from sfol.engines.pyreason_names import (
     decoded_row,
 )
 from sfol.engines.pyreason_program import Query, Script, TraceRow, joined
+from sfol.engines.rounds import Round
 from sfol.engines.tables import Tables
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import TRUE, Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.recursion import Component
 from sfol.literals import Literal, QueryClause
 from sfol.literals.search import WORK_LIMIT, Constants, Rows
 from sfol.operators import BEST, DISJUNCTIONS, POOLED, times
@@ -87,7 +90,8 @@ class PyReasonEngine:
         self._background = kb.background
         self._kb = coded_knowledge_base(kb)
         self._levels = [
-            [self._kb.rules[rule.name] for rule in level] for level in _levels(self.program)
+            ([self._kb.rules[rule.name] for rule in level], recursive)
+            for level, recursive in _levels(self.program)
         ]
         self._readers = {
             literal.query(rule).predicate: literal
@@ -121,6 +125,10 @@ class PyReasonEngine:
         """Return what one rule alone concludes: as the compiled engine does, for explanations."""
         return self._compiled.rule_bounds(rule, plan, tables)
 
+    def rounds(self, stratum: Component, tables: Tables) -> Iterator[Round]:
+        """Yield the rounds by which heads that depend on each other are concluded, likewise."""
+        return self._compiled.rounds(stratum, tables)
+
     def to_pyreason(self, facts: Facts) -> tuple[Any, list[Any], list[Any]]:
         """Return the PyReason program of a scene; see `KnowledgeBase.to_pyreason`."""
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
@@ -138,18 +146,23 @@ class PyReasonEngine:
 
         self.program.check(facts)
         tables = Tables.of(facts, self._background)
+        asserted = self.program.asserted(tables)
         known = coded_tables(tables)
         derived: dict[Atom, Bound] = {}
-        for rules in self._levels:
-            script = self._script(rules, known)
-            answer = pyreason_runtime.run(script, trace=trace)
-            rows += map(decoded_row, answer.trace)
-            for atom, bound in dict(self._conclusions(script, answer.bounds, known)).items():
-                known.put(atom, bound)
-                derived[decoded_atom(atom)] = bound
+        for rules, recursive in self._levels:
+            found: dict[Atom, Bound] = {}
+            changes = True
+            while changes:  # in one round, where no rule reads what another one concludes
+                script = self._script(rules, known)
+                answer = pyreason_runtime.run(script, trace=trace)
+                rows += map(decoded_row, answer.trace)
+                before, found = found, dict(self._conclusions(script, answer.bounds, known))
+                known.revise(found)
+                changes = recursive and found != before
+            derived |= {decoded_atom(atom): bound for atom, bound in found.items()}
         for atom, bound in derived.items():
             tables.put(atom, bound)
-        return Conclusions(tables, derived, self.program)
+        return Conclusions(tables, derived, self.program, None, asserted)
 
     def _script(self, rules: Iterable[Rule], tables: Tables) -> Script:
         scene = _Scene(self._kb, tables, self._readers)
@@ -363,16 +376,20 @@ def _replaced(terms: Constants, values: Mapping[str, str]) -> Constants:
     return tuple(values.get(term, term) for term in terms)
 
 
-def _levels(program: Program) -> list[list[Rule]]:
-    """Return the rules in groups, each of which reads conclusions of earlier ones only."""
+def _levels(program: Program) -> list[tuple[list[Rule], bool]]:
+    """Return the rules in groups, each of which reads conclusions of earlier ones alone.
+
+    With each group stands whether it reads its own conclusions as well.
+    """
     depths: dict[str, int] = {}
-    levels: dict[int, list[Rule]] = {}
-    for head in program.strata:
-        rules = [rule for rule, _ in program.rules[head]]
+    levels: dict[tuple[int, bool], list[Rule]] = {}
+    for stratum in program.strata:
+        rules = [rule for head in stratum.predicates for rule, _ in program.rules[head]]
         read = {name for rule in rules for name in rule.clause.body.predicates}
-        depths[head] = 1 + max((depths.get(name, 0) for name in read), default=0)
-        levels.setdefault(depths[head], []).extend(rules)
-    return [levels[depth] for depth in sorted(levels)]
+        depth = 1 + max((depths.get(name, 0) for name in read), default=0)
+        depths |= dict.fromkeys(stratum.predicates, depth)
+        levels.setdefault((depth, stratum.recursive), []).extend(rules)
+    return [(rules, recursive) for (_, recursive), rules in sorted(levels.items())]
 
 
 def _domain(kb: KnowledgeBase, tables: Tables) -> Constants:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from sfol.errors import FactError
 from sfol.facts import TRUE, Bound, Facts, Relation
@@ -78,6 +78,28 @@ class Tables:
         for predicate, relation in self._relations.items():
             for arguments, bound in relation.items():
                 yield Atom(predicate, arguments), bound
+
+    def extended(self, conclusions: Mapping[Atom, Bound]) -> Tables:
+        """Return what is known with conclusions, or greater bounds, added; this stays as it is."""
+        tables = Tables({**self._relations})
+        tables._indices = {**self._indices}
+        for predicate in {atom.predicate for atom in conclusions}:
+            tables._relations[predicate] = {**self.rows(predicate)}
+        tables.revise(conclusions)
+        return tables
+
+    def without(self, predicates: Collection[str]) -> Tables:
+        """Return what is known of all other predicates."""
+        tables = Tables({k: rows for k, rows in self._relations.items() if k not in predicates})
+        tables._indices = {key: i for key, i in self._indices.items() if key[0] not in predicates}
+        return tables
+
+    def revise(self, conclusions: Mapping[Atom, Bound]) -> None:
+        """Add conclusions, or greater bounds of them, of predicates that were read before."""
+        for atom, bound in conclusions.items():
+            self.put(atom, bound)
+        revised = {atom.predicate for atom in conclusions}
+        self._indices = {key: i for key, i in self._indices.items() if key[0] not in revised}
 
     def put_all(self, predicate: str, rows: dict[Constants, Bound]) -> None:
         """Make rows all that is known of a predicate, which has no index yet."""

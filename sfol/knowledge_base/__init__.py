@@ -1,10 +1,10 @@
 """A knowledge base: a file that people edit, and the checked whole made from it.
 
 `format` is what a user may write, `loading` reads files and what they extend, `checking` finds what
-is wrong, `model` is what the rest of sfol works with; `printing`, `tables_view`, `formatting` and
-`schema` turn it back into text. May import sfol's ground (errors, syntax, clauses, facts, formula,
-operators, writing) and nothing above. Others import the names below from here, and functions from
-their modules.
+is wrong, `recursion` which heads depend on themselves, `model` is what the rest of sfol works with;
+`printing`, `tables_view`, `formatting` and `schema` turn it back into text. May import sfol's
+ground (errors, syntax, clauses, facts, formula, operators, writing) and nothing above. Others
+import the names below from here, and functions from their modules.
 """
 
 from sfol.knowledge_base.format import (

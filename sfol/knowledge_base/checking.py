@@ -9,8 +9,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
-from graphlib import CycleError, TopologicalSorter
-from itertools import pairwise
 
 from sfol.clauses import Body, parse_conditions, parse_rule
 from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
@@ -31,11 +29,10 @@ from sfol.knowledge_base.parts import (
     Predicate,
     RewardTerm,
     Rule,
-    dependencies,
 )
+from sfol.knowledge_base.recursion import check_recursion
 from sfol.knowledge_base.reporting import Path, PlaceOf, Reporter
 from sfol.knowledge_base.schedules import checked_schedules
-from sfol.literals import AtomLiteral
 from sfol.operators import CONJUNCTIONS, POOLED
 from sfol.syntax import (
     Atom,
@@ -102,7 +99,7 @@ class _Checker:
                 )
         terms = self._terms(rules)
         self._check_heads_are_used(declared, rules, [c for _, c in conditions], terms.values())
-        self._check_cycles(rules)
+        check_recursion(rules, file.semantics, self._reporter)
         self._check_semantics()
         self._check_signals()
         self._check_time(rules, conditions)
@@ -387,33 +384,6 @@ class _Checker:
                     ("rules", rule.entry, "rule"), "predicate", head, {*declared, *used}
                 )
 
-    def _check_cycles(self, rules: Mapping[str, Rule]) -> None:
-        try:
-            TopologicalSorter(dependencies(rules.values())).prepare()
-        except CycleError as error:
-            cycle: list[str] = error.args[1]
-            steps = set(pairwise(cycle))  # each from what is read to the head that reads it
-            rule, literal = next(
-                read
-                for read in sorted(_reads(rules.values()), key=lambda read: read[1].monotone)
-                if any(
-                    (atom.predicate, read[0].clause.head.predicate) in steps
-                    for atom in read[1].atom.present
-                )
-            )
-            why = (
-                "a bound would be taken from itself"
-                if literal.monotone
-                else f"'{literal}' would deny what follows from it"
-            )
-            self._reporter.report(
-                ("rules", rule.entry, "rule"),
-                f"rules depend on each other in a circle: {' → '.join(cycle)}; {why}",
-                rule.clause.head.predicate,
-                "a head may be used in other bodies, but not in its own derivation: leave "
-                f"'{literal}' out of the rule '{rule.entry}'",
-            )
-
     # -- the rest -----------------------------------------------------------------------------
 
     def _check_semantics(self) -> None:
@@ -561,16 +531,6 @@ class _Checker:
         for head, pair in expect.bounds.items():
             if pair is not None:
                 self._reporter.parsed((*path, "expect", "bounds", head), Bound.checked, *pair)
-
-
-def _reads(rules: Iterable[Rule]) -> Iterator[tuple[Rule, AtomLiteral]]:
-    """Yield every rule with each literal that its body reads, also in a count or a forall."""
-    return (
-        (rule, literal)
-        for rule in rules
-        for literal in rule.clause.body.all_literals
-        if isinstance(literal, AtomLiteral)
-    )
 
 
 def _first_name(text: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -219,11 +219,3 @@ def fields_of(observation: Mapping[str, Source], sort: Sort) -> dict[str, tuple[
         for table in sort.tables
         for name, column in (observation[table].columns or {"": 0}).items()
     }
-
-
-def dependencies(rules: Iterable[Rule]) -> dict[str, set[str]]:
-    """Return for every head the predicates whose atoms of the same step its rules depend on."""
-    graph: dict[str, set[str]] = {}
-    for rule in rules:
-        graph.setdefault(rule.clause.head.predicate, set()).update(rule.clause.body.present)
-    return graph

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from graphlib import TopologicalSorter
 from typing import Literal
 
 from sfol.knowledge_base.model import KnowledgeBase
 from sfol.knowledge_base.observing import entity_names
-from sfol.knowledge_base.parts import Rule, dependencies
+from sfol.knowledge_base.parts import Rule
+from sfol.knowledge_base.recursion import components
 from sfol.strict_yaml import Keys
 from sfol.syntax import Atom, is_name, is_variable, parse_facts
 
@@ -129,12 +129,14 @@ class _Kinship:
         rules: dict[str, list[Rule]] = {}
         for rule in self._kb.rules.values():
             rules.setdefault(rule.clause.head.predicate, []).append(rule)
-        for predicate in TopologicalSorter(dependencies(self._kb.rules.values())).static_order():
-            found = [self._variables(rule) for rule in rules.get(predicate, ())]
-            yield from (kinds for kinds in found if isinstance(kinds, Silence))
+        # What depends on itself is taken to be of any kind where it is not known yet.
+        found = components(self._kb.rules.values())
+        for predicate in (name for component in found for name in component.predicates):
+            fit = [self._variables(rule) for rule in rules.get(predicate, ())]
+            yield from (kinds for kinds in fit if isinstance(kinds, Silence))
             heads = [
                 tuple(self._of_argument(term, kinds) for term in rule.clause.head.arguments)
-                for rule, kinds in zip(rules.get(predicate, ()), found, strict=True)
+                for rule, kinds in zip(rules.get(predicate, ()), fit, strict=True)
                 if not isinstance(kinds, Silence)
             ]
             if heads and predicate in self._kb.weighed and len(heads[0]) == 1:

@@ -26,13 +26,15 @@ from sfol.clauses import Body, Clause, parse_clause, parse_rule
 from sfol.engines.engine import Engine
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, Rule
+from sfol.knowledge_base.recursion import components
 from sfol.literals import Count, ForAll, Literal, Positive
-from sfol.operators import POOLED
+from sfol.operators import BEST, POOLED
 from sfol.outcome import Outcome
 from sfol.reward import RewardFunction
 from sfol.syntax import Atom, is_variable
 
 TOLERANCE = 1e-9
+_TINY = 1e-200  # what is less may come to 0 where it is halved
 
 Law = Callable[[RewardFunction, Facts, Random], None]
 Derived = Mapping[Atom, Bound]
@@ -74,9 +76,7 @@ def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random
 def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """Where nothing is pooled or negated, one more fact lowers no bound."""
     kb = reward.kb
-    monotone = all(lit.monotone for r in kb.rules.values() for lit in r.clause.body.all_literals)
-    pools = any(kb.gathers(rule) == POOLED for rule in kb.rules.values())
-    if pools or not monotone or not kb.predicates:
+    if not _is_monotone(kb) or not kb.predicates:
         return
     entities = (*facts.entities(), kb.subject, "stranger")
     atom = _some_atom(kb, random.choice(list(kb.predicates)), entities, random)
@@ -84,20 +84,66 @@ def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> No
         return
     more = facts.copy()
     more.add(atom.predicate, *atom.arguments, bound=_some_bound(random))
-    after = _derived(reward, more)
-    for known, bound in _derived(reward, facts).items():
-        assert after[known].lower >= bound.lower - TOLERANCE, f"{atom} lowered {known}"
-        assert after[known].upper >= bound.upper - TOLERANCE, f"{atom} lowered {known}"
+    _assert_no_less(reward, facts, more)
+
+
+def greater_bounds_lower_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Where nothing is pooled or negated, a greater bound of a fact lowers no conclusion."""
+    if not _is_monotone(reward.kb) or not len(facts):
+        return
+    atom, bound = random.choice(list(facts.items()))
+    upper = bound.upper + random.random() * (1.0 - bound.upper)
+    lower = bound.lower + random.random() * (upper - bound.lower)
+    more = facts.copy()
+    more.add(atom.predicate, *atom.arguments, bound=(lower, upper), merge="replace")
+    _assert_no_less(reward, facts, more)
+
+
+def what_was_concluded_changes_nothing(
+    reward: RewardFunction, facts: Facts, random: Random
+) -> None:
+    """With `disjunction: maximum`, conclusions that are asserted as well lead to themselves."""
+    if reward.kb.semantics.disjunction != "maximum":
+        return
+    derived = _derived(reward, facts)
+    more = facts.copy()
+    for atom, bound in derived.items():
+        if atom not in reward.kb.background:
+            more.add(atom.predicate, *atom.arguments, bound=bound, merge="replace")
+    assert_same(derived, _derived(reward, more))
+
+
+def half_the_bounds_conclude_half(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Where nothing but minima, averages, maxima and certainties is taken, the scale is free.
+
+    That is so where nothing is negated, no bound is asked for and nothing holds beforehand.
+    """
+    kb = reward.kb
+    free = (
+        kb.semantics.conjunction in ("minimum", "average")
+        and kb.semantics.disjunction == "maximum"
+        and not kb.background
+        and all(kb.gathers(rule) in (POOLED, BEST.name) for rule in kb.rules.values())
+        and not any(_asks(rule) for rule in kb.rules.values())
+        and all(bound.upper == 0.0 or bound.upper > _TINY for _, bound in facts.items())
+    )
+    if free:
+        halved = _facts(facts, [(atom, _half(bound)) for atom, bound in facts.items()])
+        expected = {atom: _half(bound) for atom, bound in _derived(reward, facts).items()}
+        assert_same(expected, _derived(reward, halved))
 
 
 def of_several_rules_the_greatest_counts(
     reward: RewardFunction, facts: Facts, random: Random
 ) -> None:
-    """With `disjunction: maximum`, rules that share a head conclude what the best of them does."""
-    kb = reward.kb
-    if kb.semantics.disjunction != "maximum" or not kb.heads:
+    """With `disjunction: maximum`, rules that share a head conclude what the best of them does.
+
+    Of a head that does not depend on itself.
+    """
+    kb, heads = reward.kb, _heads_once_concluded(reward.kb)
+    if kb.semantics.disjunction != "maximum" or not heads:
         return
-    head = random.choice(kb.heads)
+    head = random.choice(heads)
     sharing = [name for name, rule in kb.rules.items() if rule.clause.head.predicate == head]
     greatest: dict[Atom, Bound] = {}
     for name in sharing:
@@ -110,11 +156,14 @@ def of_several_rules_the_greatest_counts(
 
 
 def certainty_multiplies(reward: RewardFunction, facts: Facts, random: Random) -> None:
-    """With `disjunction: maximum`, rules half as certain conclude half of what they did."""
-    kb = reward.kb
-    if kb.semantics.disjunction != "maximum" or not kb.heads:
+    """With `disjunction: maximum`, rules half as certain conclude half of what they did.
+
+    Of a head that does not depend on itself.
+    """
+    kb, heads = reward.kb, _heads_once_concluded(reward.kb)
+    if kb.semantics.disjunction != "maximum" or not heads:
         return
-    head = random.choice(kb.heads)
+    head = random.choice(heads)
     halved = {
         name: rule
         if rule.clause.head.predicate != head
@@ -232,6 +281,9 @@ LAWS: Sequence[Law] = (
     names_change_nothing,
     irrelevant_facts_change_nothing,
     best_is_monotone,
+    greater_bounds_lower_nothing,
+    what_was_concluded_changes_nothing,
+    half_the_bounds_conclude_half,
     of_several_rules_the_greatest_counts,
     certainty_multiplies,
     the_more_the_surer,
@@ -256,6 +308,35 @@ def assert_same(expected: Derived, found: Derived) -> None:
         one, other = expected[atom], found[atom]
         same = _near(one.lower, other.lower) and _near(one.upper, other.upper)
         assert same, f"{atom} has {tuple(other)}, not {tuple(one)}"
+
+
+def _assert_no_less(reward: RewardFunction, fewer: Facts, more: Facts) -> None:
+    after = _derived(reward, more)
+    for atom, bound in _derived(reward, fewer).items():
+        assert after[atom].lower >= bound.lower - TOLERANCE, f"{atom} was lowered"
+        assert after[atom].upper >= bound.upper - TOLERANCE, f"{atom} was lowered"
+
+
+def _is_monotone(kb: KnowledgeBase) -> bool:
+    """Tell whether nothing is negated and nothing pooled."""
+    rules = kb.rules.values()
+    return all(lit.monotone for rule in rules for lit in rule.clause.body.all_literals) and not any(
+        kb.gathers(rule) == POOLED for rule in rules
+    )
+
+
+def _asks(rule: Rule) -> bool:
+    """Tell whether a rule asks for a bound, or denies anything."""
+    literals = rule.clause.body.all_literals
+    return rule.threshold > 0.0 or any(
+        not lit.monotone or (isinstance(lit, Positive) and lit.minimum > 0.0) for lit in literals
+    )
+
+
+def _heads_once_concluded(kb: KnowledgeBase) -> list[str]:
+    """Return the heads that do not depend on themselves."""
+    once = [c.predicates[0] for c in components(kb.rules.values()) if not c.recursive]
+    return [head for head in kb.heads if head in once]
 
 
 def _near(one: float, other: float) -> bool:

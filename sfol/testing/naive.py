@@ -57,21 +57,53 @@ def _naive_step(kb: KnowledgeBase, facts: Facts, history: Sequence[Known]) -> di
     # Facts map ground atoms to bounds; the background always holds, with [1, 1].
     known = {**{atom: Bound(1.0, 1.0) for atom in kb.background}, **dict(facts.items())}
     derived: dict[Atom, Bound] = {}
-    # Strata are evaluated in order, each to the end.
+    # Strata are evaluated in order, each to the end. A stratum is a head, or heads that depend on
+    # each other.
     waiting = list(kb.heads)
     while waiting:
-        head = next(name for name in waiting if not _reads(kb, name) & set(waiting))
-        waiting.remove(head)
+        stratum = next(
+            heads
+            for name in waiting
+            if not _read_by(kb, heads := _together(kb, name)) & set(waiting) - heads
+        )
+        waiting = [name for name in waiting if name not in stratum]
         # What operators over time say is known to a stratum like facts.
-        said = said_of(kb, _rules_of(kb, head), [*history, known])
-        # Entities are the constants that occur in facts, plus the subject. To a later stratum the
-        # conclusions of an earlier one are facts as well.
-        read = {**known, **said}
-        entities = sorted({kb.subject}.union(*(atom.arguments for atom in read)))
-        conclusions = _naive_stratum(kb, head, read, entities)
+        rules = [rule for head in stratum for rule in _rules_of(kb, head)]
+        said = said_of(kb, rules, [*history, known])
+        # From nothing, all heads of a stratum are concluded from what the round before concluded,
+        # until a round changes nothing.
+        conclusions: dict[Atom, Bound] = {}
+        last: dict[Atom, Bound] | None = None
+        while conclusions != last:
+            last = conclusions
+            # Entities are the constants that occur in facts, plus the subject. To a later stratum,
+            # and to the next round, conclusions are facts as well.
+            read = {**known, **said, **last}
+            entities = sorted({kb.subject}.union(*(atom.arguments for atom in read)))
+            conclusions = {
+                atom: bound
+                for head in stratum
+                for atom, bound in _naive_stratum(kb, head, read, known, entities).items()
+            }
         derived.update(conclusions)
         known.update(conclusions)
     return derived
+
+
+def _together(kb: KnowledgeBase, head: str) -> set[str]:
+    """Return a head with all heads that it depends on and that depend on it."""
+    return {head} | {name for name in _depends_on(kb, head) if head in _depends_on(kb, name)}
+
+
+def _depends_on(kb: KnowledgeBase, head: str) -> set[str]:
+    found: set[str] = set()
+    while more := (_read_by(kb, found) | _reads(kb, head)) - found:
+        found |= more
+    return found
+
+
+def _read_by(kb: KnowledgeBase, heads: set[str]) -> set[str]:
+    return set().union(*(_reads(kb, head) for head in heads))
 
 
 def _rules_of(kb: KnowledgeBase, head: str) -> list[Rule]:
@@ -125,11 +157,11 @@ def _reads(kb: KnowledgeBase, head: str) -> set[str]:
 
 
 def _naive_stratum(
-    kb: KnowledgeBase, head: str, known: Known, entities: Sequence[str]
+    kb: KnowledgeBase, head: str, read: Known, known: Known, entities: Sequence[str]
 ) -> dict[Atom, Bound]:
     disjuncts: dict[Atom, list[Bound]] = {}
     for rule in _rules_of(kb, head):
-        for atom, bound in _naive_rule(kb, rule, known, entities).items():
+        for atom, bound in _naive_rule(kb, rule, read, entities).items():
             # An atom that is both asserted and derived: the asserted bound is one more disjunct.
             asserted = [known[atom]] if atom in known else []
             disjuncts.setdefault(atom, asserted).append(bound)

@@ -41,8 +41,8 @@ try:
 except ImportError as error:
     raise missing_extra("hypothesis", "the strategies need it", extra="testing") from error
 
-# Predicates with their arity. A rule reads only those that stand before its head, so that no
-# knowledge base has a cycle; those behind the first four can be asserted, derived or both.
+# Predicates with their arity. A rule reads only those that stand before its head, or in a circle
+# with it; those behind the first four can be asserted, derived or both.
 _PREDICATES = {"Calm": 1, "Near": 2, "Raining": 0, "Between": 3, "Loud": 1, "Sees": 2, "Warm": 1,
                "knows": 2, "alarm": 0, "gives": 3, "care": 1, "Linked": 4, "worry": 1}  # fmt: skip
 _BASE = 4
@@ -106,10 +106,12 @@ def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) 
     )
 
 
-def _positive(readable: Sequence[str], bound: Sequence[str]) -> _Literals:
+def _positive(
+    readable: Sequence[str], bound: Sequence[str], least: int = 1, most: int = 4
+) -> _Literals:
     minimum = _mostly(0.0, 0.125, 0.5, 1.0)
     return st.lists(
-        st.builds(Positive, _patterns(readable, bound), minimum), min_size=1, max_size=4
+        st.builds(Positive, _patterns(readable, bound), minimum), min_size=least, max_size=most
     )
 
 
@@ -192,19 +194,27 @@ def _clauses(
     names: Sequence[str] = tuple(_PREDICATES),
     *,
     plain: bool = False,
+    circle: Sequence[str] = (),
 ) -> str:
-    """Draw the text of a rule for a head: safe, reading only what stands before the head."""
-    readable = names[: names.index(head)]
+    """Draw the text of a rule for a head: safe, reading only what stands before the head.
+
+    A head of a circle reads what stands before all of the circle, and in positive literals what is
+    of the circle. Its bodies are short, so that they hold often, one after the other.
+    """
+    readable = names[: names.index(circle[0] if head in circle else head)]
     literals = [
         literal
         for kind, drawn in LITERALS.items()
         if kind.binds
         for literal in draw(drawn(readable, _VARIABLES))
     ]
+    if head in circle:
+        literals = literals[:1] + draw(_positive(circle, _VARIABLES, least=0, most=2))
     bound = variables(*(term for literal in literals for term in literal.terms)) or (ENTITIES[0],)
     arguments = draw(_terms(bound, _PREDICATES[head]))
+    short = head in circle and draw(_mostly(True, False))
     for kind, drawn in LITERALS.items():
-        if not kind.binds and not (plain and issubclass(kind, Quantified)):
+        if not kind.binds and not short and not (plain and issubclass(kind, Quantified)):
             literals += draw(drawn(readable, bound))
     body = Body(tuple(draw(st.permutations(literals))))
     choice = draw(_choices(readable, bound))
@@ -235,31 +245,43 @@ def _choices(draw: st.DrawFn, readable: Sequence[str], bound: Sequence[str]) -> 
 
 
 @st.composite
-def _rules(draw: st.DrawFn, names: Sequence[str], *, plain: bool) -> dict[str, dict[str, Any]]:
+def _rules(
+    draw: st.DrawFn, names: Sequence[str], *, plain: bool, recursive: bool
+) -> dict[str, dict[str, Any]]:
     heads_of = [name for name in names if name in [*_PREDICATES][_BASE:]]
-    heads = draw(st.lists(st.sampled_from(heads_of), min_size=1, max_size=6))
+    most = 2 if recursive else 6
+    heads = draw(st.lists(st.sampled_from(heads_of), min_size=1, max_size=most))
+    circle: Sequence[str] = ()
+    if recursive:
+        first, length = draw(st.integers(0, len(heads_of) - 1)), draw(st.integers(1, 3))
+        circle = heads_of[first : first + length]
+        heads += draw(st.lists(st.sampled_from(circle), min_size=2, max_size=4))
+    more = () if plain else tuple(GATHERINGS)
     return {
         f"rule{number}": {
-            "rule": draw(_clauses(head, names, plain=plain)),
+            "rule": draw(_clauses(head, names, plain=plain, circle=circle)),
             "threshold": draw(_mostly(0.0, 0.125, 0.5, 1.0)),
             "negation_threshold": draw(_mostly(0.5, 0.0, 0.25, 1.0)),
             "certainty": draw(_mostly(1.0, 0.5, 0.7, (0.0, 0.5), (0.75, 1.0))),
-            "groundings": draw(_mostly(None, BEST.name, *(() if plain else GATHERINGS))),
+            "groundings": BEST.name if head in circle else draw(_mostly(None, BEST.name, *more)),
         }
         for number, head in enumerate(heads)
     }
 
 
-def semantics(*, plain: bool = False) -> st.SearchStrategy[dict[str, Any]]:
+def semantics(*, plain: bool = False, recursive: bool = False) -> st.SearchStrategy[dict[str, Any]]:
     """All valid combinations of operators, as the key `semantics` has them.
 
     Args:
         plain: only those that PyReason has, too.
+        recursive: only those with which a head may depend on itself.
     """
     usual = [None, None, BEST.name, BEST.name]
     gathered = usual if plain else [*usual, *GATHERINGS]
     valid = [(name, groundings) for name in CONJUNCTIONS for groundings in gathered]
     valid += [(name, POOLED) for name, c in CONJUNCTIONS.items() if c.pooled]
+    if recursive:
+        valid = [pair for pair in valid if pair[0] == "minimum"]
     return st.builds(
         lambda pair, disjunction, confidence: {
             "conjunction": pair[0],
@@ -268,7 +290,7 @@ def semantics(*, plain: bool = False) -> st.SearchStrategy[dict[str, Any]]:
             "confidence": confidence,
         },
         st.sampled_from(valid),
-        st.sampled_from([*DISJUNCTIONS]),
+        st.sampled_from(["maximum"] if recursive else [*DISJUNCTIONS]),
         st.sampled_from([*CONFIDENCES]),
     )
 
@@ -289,7 +311,11 @@ def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
 
 @st.composite
 def knowledge_base_files(
-    draw: st.DrawFn, arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
+    draw: st.DrawFn,
+    arities: Sequence[int] = (0, 1, 2, 3, 4),
+    *,
+    plain: bool = False,
+    recursive: bool = False,
 ) -> KnowledgeBaseFile:
     """Contents of knowledge base files, all valid.
 
@@ -302,9 +328,10 @@ def knowledge_base_files(
         draw: given by hypothesis.
         arities: the numbers of arguments that predicates may have.
         plain: whether they have only what PyReason can say: neither sums nor counts nor foralls.
+        recursive: whether heads may depend on themselves.
     """
     names = tuple(name for name, arity in _PREDICATES.items() if arity in arities)
-    rules = draw(_rules(names, plain=plain))
+    rules = draw(_rules(names, plain=plain, recursive=recursive))
     weighed = [head for head in _heads(rules) if _PREDICATES[head] <= 1]
     coefficient = st.integers(-16, 16).map(lambda n: n / 8)
     weights = {
@@ -323,7 +350,7 @@ def knowledge_base_files(
             for name in (*names, UNREAD)
         },
         "rules": rules,
-        "semantics": draw(semantics(plain=plain)),
+        "semantics": draw(semantics(plain=plain, recursive=recursive)),
         "signals": {"v": {"unit": "m/s"}, "d": {"unit": "m", "default": float("inf")}},
         "weights": weights,
         "terms": {
@@ -340,10 +367,10 @@ def knowledge_base_files(
 
 
 def knowledge_bases(
-    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
+    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False, recursive: bool = False
 ) -> st.SearchStrategy[KnowledgeBase]:
     """Checked knowledge bases of the files that `knowledge_base_files` draws."""
-    return knowledge_base_files(arities, plain=plain).map(KnowledgeBase.of)
+    return knowledge_base_files(arities, plain=plain, recursive=recursive).map(KnowledgeBase.of)
 
 
 _STEP = 0.25
@@ -448,13 +475,21 @@ def facts_for(
 
 
 def scenes(
-    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False
+    arities: Sequence[int] = (0, 1, 2, 3, 4), *, plain: bool = False, recursive: bool | None = None
 ) -> st.SearchStrategy[tuple[KnowledgeBase, Facts]]:
     """Knowledge bases, each with facts that fit it.
 
     PyReason takes those that are plain, with arities of 1 and 2 alone.
+
+    Args:
+        arities: the numbers of arguments that predicates may have.
+        plain: whether they have only what PyReason can say.
+        recursive: whether heads may depend on themselves; by default in every fourth of them.
     """
-    bases = knowledge_bases(arities, plain=plain)
+    chosen = (
+        st.sampled_from([False, False, False, True]) if recursive is None else st.just(recursive)
+    )
+    bases = chosen.flatmap(lambda r: knowledge_bases(arities, plain=plain, recursive=r))
     return bases.flatmap(lambda kb: st.tuples(st.just(kb), facts_for(kb)))
 
 

@@ -205,7 +205,13 @@ def _layer_of(graph: Graph) -> dict[GraphNode, int]:
     """Number the layers; what is observed stands next to its first use, terms stand last."""
     import networkx as nx  # noqa: PLC0415
 
-    generations = list(nx.topological_generations(graph))
+    circles = [nodes for nodes in nx.strongly_connected_components(graph) if len(nodes) > 1]
+    inside = {node: nodes for nodes in circles for node in nodes}
+    forwards: Graph = graph.copy()  # without what leads from heads back to their own rules
+    forwards.remove_edges_from(
+        (s, t) for s, t in graph.edges if s.kind == "head" and t in inside.get(s, ())
+    )
+    generations = list(nx.topological_generations(forwards))
     deepest = {node: i for i, nodes in enumerate(generations) for node in nodes}
     last = len(generations) - 1
 

@@ -36,7 +36,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
 from statistics import fmean
@@ -45,8 +44,8 @@ from typing import Literal as Choice
 from sfol.clauses import Body
 from sfol.errors import Place
 from sfol.knowledge_base import KnowledgeBase, Rule
-from sfol.knowledge_base.parts import dependencies
 from sfol.knowledge_base.positions import Keys, entries
+from sfol.knowledge_base.recursion import components
 from sfol.knowledge_base.silence import silences
 from sfol.literals import Negated, Positive
 from sfol.operators import CONJUNCTIONS, DISJUNCTIONS, POOLED, least
@@ -140,11 +139,22 @@ def _never_fires(kb: KnowledgeBase) -> Iterator[Finding]:
     declared = kb.declared.keys()
     reasons: dict[str, str] = {}
     barren: set[str] = set()
-    for head in TopologicalSorter(dependencies(kb.rules.values())).static_order():
-        rules = rules_of.get(head, [])
-        reasons |= {rule.name: why for rule in rules if (why := _why_never(rule, barren))}
-        if rules and head not in declared and all(rule.name in reasons for rule in rules):
-            barren.add(head)
+    for component in components(kb.rules.values()):
+        # Heads that depend on themselves fire only where some rule does without them.
+        waiting = {n for n in component.predicates if n in rules_of and n not in declared}
+        while True:
+            found = {
+                rule.name: why
+                for head in component.predicates
+                for rule in rules_of.get(head, ())
+                if (why := _why_never(rule, barren | waiting))
+            }
+            firing = {n for n in waiting if any(rule.name not in found for rule in rules_of[n])}
+            waiting -= firing
+            if not firing or not component.recursive:
+                break
+        reasons |= found
+        barren |= waiting
     for name, rule in kb.rules.items():
         if name in reasons:
             yield Finding(

@@ -38,7 +38,7 @@ def drawn_scenes(count):
         phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
     )
-    @given(scenes(arities=(1, 2), plain=True))
+    @given(scenes(arities=(1, 2), plain=True, recursive=False))
     def draw(scene):
         found.append(scene)
 
@@ -69,5 +69,9 @@ SMALL = tuple(
         (["h(X) :- P(X)."], {}, "P(ego): [0, 1]."),
         (["e(X, Y) :- R(X, Z), S(Z, Y), P(Z)."], {}, "R(ego, a). S(a, b): 0.5. P(a): 0.4. R(ego, c). S(c, b). P(c)."),
         (["e(X, Y) :- R(Y, X), P(Y)."], {}, "R(a, ego): 0.5. P(a): 0.4. R(ego, c). P(ego)."),
+        (["h(X) :- P(X).", {"rule": "h(X) :- R(X, Y), h(Y).", "certainty": [0.5, 1.0]}], {"conjunction": "minimum"},
+         "P(c): [0.6, 0.8]. R(ego, a). R(a, b): 0.9. R(b, c): 0.7. R(c, ego). R(b, a)."),
+        (["e(X, Y) :- R(X, Y).", "e(X, Z) :- e(X, Y), g(Y), e(Y, Z).", "g(X) :- e(X, Y), P(Y)."], {"conjunction": "minimum"},
+         "R(ego, a): 0.9. R(a, b): 0.7. R(b, c). P(b): 0.8. P(c): 0.6."),
     ]
 )  # fmt: skip

@@ -6,6 +6,7 @@ The comparison is the one of `test_engines_agree`, on scenes that are the same o
 import math
 import sys
 from dataclasses import replace
+from itertools import islice
 
 import pytest
 
@@ -13,6 +14,7 @@ from sfol.engines import compiled
 from sfol.engines import pyreason as translation
 from sfol.engines.compiled import CompiledEngine
 from sfol.engines.flat import Flat
+from sfol.engines.rounds import Recursion
 from sfol.engines.tables import Tables
 from sfol.facts import TRUE
 from sfol.literals import Negated, NotEqual, Positive, negated
@@ -118,6 +120,11 @@ def atoms_known_to_be_false_count(monkeypatch):
     monkeypatch.setattr(Positive, "holds", holds)
 
 
+def rounds_cut_short(monkeypatch):
+    right = Recursion.rounds
+    monkeypatch.setattr(Recursion, "rounds", lambda self, tables: islice(right(self, tables), 2))
+
+
 def certainty_forgotten(monkeypatch):
     monkeypatch.setattr(compiled, "with_certainty", lambda conjunction, certainty: conjunction)
 
@@ -144,6 +151,7 @@ COMPILED = [
     guard_dropped,
     asserted_bound_no_disjunct,
     atoms_known_to_be_false_count,
+    rounds_cut_short,
     certainty_forgotten,
     upper_bounds_without_certainty,
 ]
@@ -204,7 +212,16 @@ def cycles_left_to_pyreason(monkeypatch):
 def all_strata_at_once(monkeypatch):
     right = translation._levels
     monkeypatch.setattr(
-        translation, "_levels", lambda program: [[r for level in right(program) for r in level]]
+        translation,
+        "_levels",
+        lambda program: [([r for level, _ in right(program) for r in level], False)],
+    )
+
+
+def one_round_alone(monkeypatch):
+    right = translation._levels
+    monkeypatch.setattr(
+        translation, "_levels", lambda program: [(level, False) for level, _ in right(program)]
     )
 
 
@@ -231,6 +248,7 @@ PYREASON = [
     heads_left_untied,
     cycles_left_to_pyreason,
     all_strata_at_once,
+    one_round_alone,
     constants_left_in_cycles,
     certainty_left_out,
 ]
