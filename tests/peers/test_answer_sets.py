@@ -122,6 +122,58 @@ CLASSICS = {
             "Node(a). Node(b). Edge(b, a). Chosen(a).": "dominated(a). open.",
         },
     ),
+    "reachability": Classic(
+        predicates=("Node(X)", "Edge(X, Y)", "Start(X)"),
+        rules=(
+            "reached(X) :- Start(X) or (reached(Y), Edge(Y, X)).",
+            "apart(X) :- Node(X), not reached(X).",
+            "connected :- Node(_), not apart(_).",
+        ),
+        clingo="""
+            reached(X) :- start(X).
+            reached(X) :- reached(Y), edge(Y, X).
+            apart(X) :- node(X), not reached(X).
+            connected :- node(_), not apart(_).
+        """,
+        facts={**GRAPH, "Start": (NODES,)},
+        examples={
+            "Node(a). Node(b). Node(c). Node(d). Start(a). Edge(a, b). Edge(b, a). Edge(c, b).": (
+                "reached(a). reached(b). apart(c). apart(d)."
+            ),
+            "Node(a). Node(b). Node(c). Start(a). Edge(a, c). Edge(c, b).": (
+                "reached(a). reached(b). reached(c). connected."
+            ),
+        },
+    ),
+    "round trip": Classic(
+        predicates=("Node(X)", "Edge(X, Y)", "In(X, Y)", "Start(X)"),
+        rules=(
+            "wrong :- In(X, Y), not Edge(X, Y).",
+            "forks(X) :- Node(X), count(Y: In(X, Y)) >= 2.",
+            "joins(X) :- Node(X), count(Y: In(Y, X)) >= 2.",
+            "reached(Y) :- In(X, Y), (Start(X) or reached(X)).",
+            "missed(X) :- Node(X), not reached(X).",
+            "tour :- Node(_), not wrong, not forks(_), not joins(_), not missed(_).",
+        ),
+        clingo="""
+            wrong :- in(X, Y), not edge(X, Y).
+            forks(X) :- node(X), #count{Y : in(X, Y)} >= 2.
+            joins(X) :- node(X), #count{Y : in(Y, X)} >= 2.
+            reached(Y) :- start(X), in(X, Y).
+            reached(Y) :- reached(X), in(X, Y).
+            missed(X) :- node(X), not reached(X).
+            tour :- node(_), not wrong, not forks(_), not joins(_), not missed(_).
+        """,
+        facts={**GRAPH, "In": (NODES, NODES), "Start": (NODES,)},
+        examples={
+            "Node(a). Node(b). Node(c). Start(a). Edge(a, b). Edge(b, c). Edge(c, a). Edge(a, c)."
+            "In(a, b). In(b, c). In(c, a).": "reached(a). reached(b). reached(c). tour.",
+            # Two round trips are none.
+            "Node(a). Node(b). Start(a). Edge(a, a). Edge(b, b). In(a, a). In(b, b).": (
+                "reached(a). missed(b)."
+            ),
+        },
+    ),
     "schedule": Classic(
         predicates=(
             *("Task(T)", "At(T, S)", "Needs(T, M)", "After(T, U)"),
