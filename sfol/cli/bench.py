@@ -30,9 +30,10 @@ def bench(
 
     The scene is the file's test with the most facts; the entity of which the most is said is
     repeated 1, 10, 25 and 50 times. Where facts are read off observations, so are they measured,
-    on the test that observes most: single steps, arrays of many, and Gymnasium's wrappers. Figures
-    are medians. With PyReason installed, it takes some ten minutes: once, a copy of PyReason
-    compiles all that it has.
+    on the test that observes most: single steps, arrays of many, and Gymnasium's wrappers. For
+    aeb_state and cartpole, the same reward written by hand is measured in turns with the rules, on
+    random steps, if both give the same. Figures are medians. With PyReason installed, it takes some
+    ten minutes: once, a copy of PyReason compiles all that it has.
 
     Example: `sfol bench rules/aeb.yaml --quick`
     """
@@ -56,6 +57,11 @@ def _print_tables(console: Console, figures: dict[str, Any]) -> None:
         console.print(_table("observed steps, by how many at once", observed["batch"]))
         parts = ("single", "wrappers")
         figures = {**figures, **{f"observed_{part}": observed[part] for part in parts}}
+    if (compared := figures["hand_written"]) is not None:
+        title = "rules and the same reward by hand, by arrays and number of steps"
+        console.print(_table(title, compared))
+        if any("ratio" not in row for row in compared.values()):
+            line(console, "no ratio where the rewards by rules and by hand are not the same")
     names = (
         "import",
         "observed_single",
@@ -71,10 +77,14 @@ def _print_tables(console: Console, figures: dict[str, Any]) -> None:
 
 
 def _table(title: str, rows: dict[str, dict[str, float]]) -> Table:
-    columns = list(next(iter(rows.values())))
+    columns = list(dict.fromkeys(column for numbers in rows.values() for column in numbers))
     table = Table("", title=title, title_justify="left")
     for column in columns:
         table.add_column(column.replace("_", " "), justify="right")
     for name, numbers in rows.items():
-        table.add_row(name, *(f"{numbers[column]:,}" for column in columns))
+        table.add_row(name, *(_cell(numbers.get(column)) for column in columns))
     return table
+
+
+def _cell(number: float | None) -> str:
+    return "" if number is None else f"{number:,}"

@@ -20,6 +20,7 @@ from sfol.knowledge_base import Case, KnowledgeBase
 from sfol.reward import RewardFunction
 from sfol.syntax import Atom
 from sfol.testing.cases import written_out
+from sfol.tools.bench_hand_written import measure_hand_written
 from sfol.tools.bench_observations import measure_observations
 from sfol.tools.bench_pyreason import ready, ready_compared, run_python
 
@@ -66,6 +67,7 @@ def measure(
         "batch": lambda: _batches(kb, case, entity),
         "gradient": lambda: _gradient(kb, case, entity),
         "observations": lambda: measure_observations(kb, median),
+        "hand_written": lambda: measure_hand_written(kb),
     }
     if "pyreason" in engines:
         stages = {**stages, "pyreason_start": ready}

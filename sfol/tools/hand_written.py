@@ -176,7 +176,7 @@ def _mean(
 
 
 def _aeb_state_steps(random: np.random.Generator, size: int) -> tuple[Observation, Observation]:
-    before = {
+    before: dict[str, Array] = {
         "people": random.uniform([-5.0, -7.0], [45.0, 7.0], (size, PEOPLE, 2)),
         "people_there": random.random((size, PEOPLE)) < random.random((size, 1)),
         "vehicles": random.uniform([0.0, -7.0], [45.0, 7.0], (size, VEHICLES, 2)),
