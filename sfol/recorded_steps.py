@@ -121,7 +121,7 @@ class Recording:
             sizes.add(len(value))
             columns = value.reshape(len(value), -1).T
             given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
-            if np.isnan(numbers).any() and np.isnan(numbers[self._needed[name]]).any():
+            if np.count_nonzero(np.isnan(numbers)) and np.isnan(numbers[self._needed[name]]).any():
                 return None
         return self.program.of_arrays(given) if len(sizes) == 1 else None
 

@@ -16,11 +16,17 @@ class Range(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
     nan: bool = True  # whether any may be NaN
+    minus_zero: bool = True  # whether any may be the zero with a minus
 
     @property
     def is_finite(self) -> bool:
         """Whether every value is a finite number."""
         return not self.nan and math.isfinite(self.low) and math.isfinite(self.high)
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether every value is a number from 0 up, and no zero has a minus."""
+        return not self.nan and self.low >= 0.0 and not self.minus_zero
 
 
 ANY = Range()
@@ -29,7 +35,13 @@ ANY = Range()
 def _sum(a: Range, b: Range) -> Range:
     nan = a.nan or b.nan or a.high == -b.low == math.inf or b.high == -a.low == math.inf
     low, high = a.low + b.low, a.high + b.high
-    return ANY if math.isnan(low) or math.isnan(high) else Range(low, high, nan)
+    if math.isnan(low) or math.isnan(high):
+        return ANY
+    return Range(low, high, nan, a.minus_zero and b.minus_zero)
+
+
+def _difference(a: Range, b: Range) -> Range:
+    return _sum(a, _negated(b))._replace(minus_zero=a.minus_zero)
 
 
 def _negated(a: Range) -> Range:
@@ -43,30 +55,33 @@ def _product(a: Range, b: Range) -> Range:
     inner = [c.low <= 0.0 <= c.high for c in (a, b)]
     endless = [math.inf in (-c.low, c.high) for c in (a, b)]
     nan = (inner[0] and endless[1]) or (inner[1] and endless[0])
-    return Range(min(corners), max(corners), nan)
+    return Range(min(corners), max(corners), nan, not (a.is_positive and b.is_positive))
 
 
 def _quotient(a: Range, b: Range) -> Range:
     if a.nan or not (0.0 < b.low == b.high < math.inf):
         return ANY
-    return Range(a.low / b.low, a.high / b.low, nan=False)
+    return Range(a.low / b.low, a.high / b.low, nan=False, minus_zero=not a.is_positive)
 
 
 def _absolute(a: Range) -> Range:
-    if a.low >= 0.0:
-        return a
-    return Range(max(0.0, -a.high), max(-a.low, a.high), a.nan)
+    low, high = (a.low, a.high) if a.low >= 0.0 else (max(0.0, -a.high), max(-a.low, a.high))
+    return Range(low, high, a.nan, minus_zero=False)
+
+
+def _either(low: float, high: float, a: Range, b: Range) -> Range:
+    return Range(low, high, a.nan or b.nan, a.minus_zero or b.minus_zero)
 
 
 # Rounding is monotone, so that computed ends are ends of what is computed.
 RANGES: Mapping[str, Callable[..., Range]] = {
     "+": _sum,
-    "-": lambda a, b: _sum(a, _negated(b)),
+    "-": _difference,
     "*": _product,
     "/": _quotient,
     "neg": _negated,
     "abs": _absolute,
-    "minimum": lambda a, b: Range(min(a.low, b.low), min(a.high, b.high), a.nan or b.nan),
-    "maximum": lambda a, b: Range(max(a.low, b.low), max(a.high, b.high), a.nan or b.nan),
-    "where": lambda _, a, b: Range(min(a.low, b.low), max(a.high, b.high), a.nan or b.nan),
+    "minimum": lambda a, b: _either(min(a.low, b.low), min(a.high, b.high), a, b),
+    "maximum": lambda a, b: _either(max(a.low, b.low), max(a.high, b.high), a, b),
+    "where": lambda _, a, b: _either(min(a.low, b.low), max(a.high, b.high), a, b),
 }

@@ -170,9 +170,11 @@ class Tape:
             return Range(nan=False)
         if operation == "constant":
             value = float(rest[0])
-            return ANY if math.isnan(value) else Range(value, value, nan=False)
+            minus_zero = value == 0.0 and math.copysign(1.0, value) < 0.0
+            known = Range(value, value, nan=False, minus_zero=minus_zero)
+            return ANY if math.isnan(value) else known
         if operation in _TRUTHS:
-            return Range(0.0, 1.0, nan=False)
+            return Range(0.0, 1.0, nan=False, minus_zero=False)
         known = RANGES.get(operation)
         return known(*(self._ranges[lane] for lane in rest)) if known else ANY
 
@@ -198,21 +200,53 @@ class Tape:
     def _chosen(self, _: str, condition: int, then: int, otherwise: int) -> int | None:
         if self.is_constant(condition):
             return then if self.values[condition] else otherwise
+        is_above = self._is_zero(otherwise) and self._entries[condition] == (">", then, otherwise)
+        if is_above and self._ranges[then].is_positive:  # x where x is above 0, else 0
+            return then
         narrower = self._narrowed(condition, then)
         if narrower == otherwise:
             return otherwise
         return None if narrower == then else self.applied("where", condition, narrower, otherwise)
 
     def _neutral(self, operation: str, left: int, right: int) -> int | None:
-        """Leave out 1 x, x / 1 and x - 0, and the second 0 of 0 + (0 + x); 0 + x may not be x."""
-        number, other = (right, left) if operation in ("/", "-") else (left, right)
-        if operation == "*" and not self.is_constant(number):
-            number, other = other, number
-        if not self.is_constant(number) or self.is_truth(other) or self.is_truth(number):
+        """Leave out what changes no number, not even the sign of a zero."""
+        pairs = [(right, left)] if operation in ("/", "-") else [(left, right), (right, left)]
+        for constant, other in pairs:
+            if self.is_constant(constant) and not self.is_truth(constant):
+                if self._changes_nothing(operation, constant, other):
+                    return other
+                if operation == "*" and self._is_zero(constant) and self._vanishes(other):
+                    return constant
+        return self._halved(left, right) if operation == "/" else None
+
+    def _changes_nothing(self, operation: str, constant: int, other: int) -> bool:
+        """Tell whether 1 x, x / 1, x - 0 or 0 + x is x; the last may not be, where x is -0."""
+        if self.is_truth(other):
+            return False
+        if operation in ("*", "/"):
+            return self.values[constant] == 1.0
+        if self.values[constant] != 0.0:
+            return False
+        keeps = self._ranges[constant].minus_zero is (operation == "+")
+        return keeps or not self._ranges[other].minus_zero
+
+    def _is_zero(self, lane: int) -> bool:
+        return (
+            self.is_constant(lane) and self.values[lane] == 0.0 and self._ranges[lane].is_positive
+        )
+
+    def _vanishes(self, lane: int) -> bool:
+        """Tell whether 0 times a lane is 0: it is finite, and the zero has no minus."""
+        return self._ranges[lane].is_finite and self._ranges[lane].is_positive
+
+    def _halved(self, lane: int, two: int) -> int | None:
+        """Return x for (x + x) / 2, the middle of an exact bound, if x + x can't overflow."""
+        operation, *summands = self._entries[lane]
+        if operation != "+" or not self.is_constant(two) or self.values[two] != 2.0:
             return None
-        if self.values[number] != (0.0 if operation in ("+", "-") else 1.0):
-            return None
-        return None if operation == "+" and self._entries[other][:2] != ("+", number) else other
+        left, right = summands
+        known = self._ranges[lane]
+        return left if left == right and known.is_finite and not self.is_truth(left) else None
 
     def _ordered(self, operation: str, left: int, right: int) -> int | None:
         """Return what is known beforehand of which one is the less."""
@@ -221,10 +255,17 @@ class Tape:
         always = a.high < b.low if operation in ("<", ">") else a.high <= b.low
         never = a.low > b.high if operation in ("<=", ">=") else a.low >= b.high
         if a.nan or b.nan or not (always or never):
-            return None
+            return self._truth_of(left) if operation == ">" and self._is_zero(right) else None
         if operation in ("minimum", "maximum"):
             return left if always else right
         return self.constant(value=always)
+
+    def _truth_of(self, lane: int) -> int | None:
+        """Return the truth value that a lane is as a number, if it is one."""
+        operation, *factors = self._entries[lane]
+        if operation != "*" or not self.is_constant(factors[0]) or self.values[factors[0]] != 1.0:
+            return None
+        return factors[1] if self.is_truth(factors[1]) else None
 
     def _narrowed(self, condition: int, lane: int) -> int:
         """Return a lane that is the same wherever a condition holds, and takes less."""
@@ -336,6 +377,7 @@ class Program:
             for name, index in [rest]
         ]
         self.outputs = [places[lane] for lane in outputs]
+        self._start_of_arrays = self._faster_constants()
         self.guards = [(places[lane], value) for lane, value in guards]
         self._of_numbers, self._of_arrays = (
             [
@@ -344,6 +386,19 @@ class Program:
             ]
             for kind in (0, 1)
         )
+
+    def _faster_constants(self) -> list[Any]:
+        """Return what arrays start with: constants as arrays, which numpy need not convert.
+
+        A power has another result with such an exponent, and outputs are arrays (B,) or numbers.
+        """
+        powers = [inputs for operation, inputs, _ in self.operations if operation == "**"]
+        kept = {*self.outputs, *(place for inputs in powers for place in inputs)}
+        constants = {place: np.array(value) for place, value in self.constants}
+        return [
+            constants.get(place) if place not in kept else value
+            for place, value in enumerate(self._start)
+        ]
 
     def of_numbers(self, given: Mapping[int, Sequence[float]]) -> list[float] | None:
         """Return the outputs for one scene; None if the tape does not hold for it.
@@ -368,15 +423,14 @@ class Program:
         Args:
             given: name → float64 (k, B), none of which is NaN.
         """
-        lanes = self._start.copy()
+        lanes = self._start_of_arrays.copy()
         for name, index, place in self.given:
             lanes[place] = given[name][index]
         with np.errstate(all="ignore"):
             _run(self._of_arrays, lanes)
-        if any(
-            not lanes[place].all() if value else lanes[place].any() for place, value in self.guards
-        ):
-            return None
+        for place, value in self.guards:
+            if np.count_nonzero(lanes[place]) != (lanes[place].size if value else 0):
+                return None
         return [lanes[place] for place in self.outputs]
 
 

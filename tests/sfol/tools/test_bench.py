@@ -144,8 +144,8 @@ def test_rewards_by_hand_are_those_of_the_rules_on_steps_of_every_kind(name):
     before, after = by_hand.steps(np.random.default_rng(1), 3000)
     outcome = reward.transitions(before, None, after)
     assert by_hand.reward(np, before, after) == pytest.approx(outcome.reward, abs=1e-9)
-    for head, confidence in outcome.confidences.items():
-        assert 0 < np.count_nonzero(confidence) < 3000, head  # so that each rule counts
+    for head in set(reward.kb.heads) - {"Vehicle"}:  # which is asserted of ego
+        assert 0 < np.count_nonzero(outcome.confidences[head]) < 3000, head
     assert all(np.any(term) for term in outcome.terms.values())
 
 
