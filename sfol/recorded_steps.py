@@ -15,6 +15,7 @@ from sfol.engines.tape import MOST_NUMBERS, NotRecordableError, Program, Tape
 from sfol.errors import SfolError
 from sfol.observations.plans import Observation, ObservedStep
 
+Reals = npt.NDArray[np.float64]
 _Keys = tuple[Any, ...]
 _Step = Sequence[Observation]
 _NUMBERS = (float, int, np.number, np.bool_)
@@ -60,10 +61,16 @@ class RecordedSteps:
         recording = self._recorded(step, state)
         return None if recording is None else recording.numbers(step)
 
-    def arrays(self, step: _Step, state: object) -> list[Array] | None:
-        """Return what is wanted of B steps, arrays (B,) or numbers, as `numbers` does."""
+    def rows(self, step: _Step, state: object) -> Reals | None:
+        """Return what is wanted of B steps, (k, B), as `numbers` does."""
         recording = self._recorded(step, state)
-        return None if recording is None else recording.arrays(step)
+        values = None if recording is None else recording.arrays(step)
+        if recording is None or values is None:
+            return None
+        rows = np.empty((len(values), recording.size_of(step)))
+        for row, value in zip(rows, values, strict=True):
+            row[...] = value
+        return rows
 
     def own_arrays(self, step: _Step, state: object) -> list[Array] | None:
         """Return what is wanted of B steps as arrays (B,), each one of its own to write to."""
@@ -125,9 +132,13 @@ class Recording:
                 return None
         return self.program.of_arrays(given) if len(sizes) == 1 else None
 
+    def size_of(self, step: _Step) -> int:
+        """Return how many steps there are."""
+        return len(leaf_of(step, next(iter(self.leaves.values()))))
+
     def apart(self, values: Sequence[Array], step: _Step) -> list[Array]:
         """Return what `arrays` gave as arrays (B,), each one of its own."""
-        size = len(leaf_of(step, next(iter(self.leaves.values()))))
+        size = self.size_of(step)
         seen: set[int] = set()
         own: list[Array] = []
         for value in values:

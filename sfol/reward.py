@@ -42,7 +42,7 @@ from sfol.observations.plans import Observation, ObservedStep, read_for_facts
 from sfol.observations.single import ObservationReader
 from sfol.operators import CONFIDENCES
 from sfol.outcome import BatchOutcome, Outcome
-from sfol.recorded_steps import RecordedSteps, first_of, record
+from sfol.recorded_steps import Reals, RecordedSteps, first_of, record
 from sfol.syntax import is_name, is_variable
 from sfol.temporal import Memory
 from sfol.tensor_reward import TensorReward
@@ -816,16 +816,14 @@ class RewardFunction:
         """
         return self._repeated_one[fired].numbers(step, self._state())
 
-    def repeated_many(
-        self, step: Sequence[Observation], *, fired: bool = False
-    ) -> list[Array] | None:
-        """Return what B steps are worth, arrays (B,) or numbers, as `repeated` does for one.
+    def repeated_many(self, step: Sequence[Observation], *, fired: bool = False) -> Reals | None:
+        """Return what B steps are worth, a row (B,) of an array each, as `repeated` does for one.
 
         Args:
             step: the six arguments of `transitions`, some of which may be None.
             fired: whether it is wanted which rules fired, too.
         """
-        return self._repeated_many[fired].arrays(step, self._state())
+        return self._repeated_many[fired].rows(step, self._state())
 
     def _wanted(
         self, step: ObservedStep, *, bounds: bool = False, fired: bool = False

@@ -171,8 +171,8 @@ class Tape:
         if operation == "constant":
             value = float(rest[0])
             minus_zero = value == 0.0 and math.copysign(1.0, value) < 0.0
-            known = Range(value, value, nan=False, minus_zero=minus_zero)
-            return ANY if math.isnan(value) else known
+            number = Range(value, value, nan=False, minus_zero=minus_zero)
+            return ANY if math.isnan(value) else number
         if operation in _TRUTHS:
             return Range(0.0, 1.0, nan=False, minus_zero=False)
         known = RANGES.get(operation)

@@ -12,16 +12,18 @@ from sfol.errors import UsageError, expect
 from sfol.facts import Facts
 from sfol.knowledge_base import ScheduledNumber
 from sfol.observations.plans import Observation
+from sfol.recorded_steps import Reals
 from sfol.reward import RewardFunction
 from sfol.wrappers.goals import refuse_hindsight
 from sfol.wrappers.judging import Judge, Transition
-from sfol.wrappers.judging_many import ManyJudge, Mask, Reals
+from sfol.wrappers.judging_many import ManyJudge, Mask
 from sfol.wrappers.modes import (
     EPISODE,
     FIRED,
-    EpisodeSums,
+    ManyEpisodeSums,
     Shaping,
     checked_shaping,
+    term_names,
 )
 from sfol.wrappers.nested import replaced, row
 from sfol.wrappers.silence import Silence
@@ -74,6 +76,7 @@ class VecRuleReward(VecEnvWrapper):
         self._reward = reward
         self._mode = mode
         self._silence = Silence(reward)
+        self._terms = term_names(reward, shaping)
         together = facts is None and signals is None and not reward.kb.has_memory
         self._panel: _Panel = (
             _Together(reward, shaping)
@@ -85,7 +88,7 @@ class VecRuleReward(VecEnvWrapper):
         """Start an episode in each environment; see `VecEnv.reset`."""
         observations = self.venv.reset()
         self._panel.begin(observations, self.venv.unwrapped.reset_infos)
-        self._sums = EpisodeSums()
+        self._sums = ManyEpisodeSums(self._terms, self.num_envs)
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -103,7 +106,7 @@ class VecRuleReward(VecEnvWrapper):
         )  # fmt: skip
         ruled, terms, items = self._panel.step(step)
         rewards = ruled if self._mode == "replace" else native + ruled
-        self._sums.add(rewards, native, terms, np.ones(self.num_envs, dtype=np.int64))
+        self._sums.add(rewards, native, terms)
         infos = [info.copy() for info in infos]
         for info, own in zip(infos, items, strict=True):
             info.update(own)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,11 +13,11 @@ from sfol import arrays
 from sfol.arrays import Array
 from sfol.observations.plans import Observation
 from sfol.outcome import log_items, named
+from sfol.recorded_steps import Reals
 from sfol.reward import RewardFunction
 from sfol.wrappers.modes import Shaping, item_names, total
-from sfol.wrappers.nested import rows
+from sfol.wrappers.nested import copied, rows
 
-Reals = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -79,8 +78,7 @@ class ManyJudge:
         """Begin with some states."""
         if self._shaping is not None:
             self._potential = self._shaping.potentials(self._reward, observations)
-        # Environments may use one array for all their observations.
-        self._observations = copy.deepcopy(observations)
+        self._observations = copied(observations)
 
     def step(  # noqa: PLR0913, PLR0917 (what a step of environments gives, in its order)
         self,
@@ -107,7 +105,8 @@ class ManyJudge:
         # Also of those who began anew, where that can be repeated: choosing rows takes longer.
         found = self._reward.repeated_many(step, fired=self.reports_fired)
         if found is not None:
-            return self._repeated([np.where(taken, number, 0.0) for number in found])
+            np.copyto(found, 0.0, where=~taken)
+            return self._repeated(found)
         if taken.all():
             return self._rewarded(step, arrays.plain)
         if not taken.any():
@@ -117,7 +116,7 @@ class ManyJudge:
         chosen = ManySteps(*(rows(part, taken) for part in step))
         return self._rewarded(chosen, partial(_spread, mask=taken))
 
-    def _repeated(self, found: Sequence[Reals]) -> Judgements:
+    def _repeated(self, found: Reals) -> Judgements:
         value, *numbers = found
         kb = self._reward.kb
         terms = dict(zip(kb.terms, numbers, strict=False))
@@ -133,7 +132,7 @@ class ManyJudge:
             self.begin(observations)
             return
         self._potential = self._landed_potential
-        self._observations = copy.deepcopy(observations)
+        self._observations = copied(observations)
 
     def _rewarded(self, step: ManySteps, spread: Callable[[Array], Any]) -> Judgements:
         outcome = self._reward.transitions(*step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -66,43 +66,75 @@ class Shaping:
 
 
 class EpisodeSums:
-    """Sums over the steps of an episode: numbers, or arrays (B,) for B environments."""
+    """Sums over the steps of an episode of one environment."""
 
     def __init__(self) -> None:
-        self._totals: dict[str, Array] = {}
-        self._terms: dict[str, Array] = {}
+        self._totals: dict[str, float] = {}
+        self._terms: dict[str, float] = {}
 
-    def add(
-        self, value: Array, original: Array, terms: Mapping[str, Array], steps: Array = 1
-    ) -> None:
+    def add(self, value: float, original: float, terms: Mapping[str, float]) -> None:
         """Add what a step gave.
 
         Args:
             value: its reward.
             original: the environment's own.
             terms: what the rules gave, by term.
-            steps: 0 where no step was taken.
         """
-        new = {"return": value, "original_return": original, "length": steps}
+        new = {"return": value, "original_return": original, "length": 1}
         self._totals = {name: self._totals.get(name, 0) + item for name, item in new.items()}
         self._terms = {name: self._terms.get(name, 0) + item for name, item in terms.items()}
-
-    def restart(self, ended: Array) -> None:
-        """Begin anew where an episode has ended, of B environments."""
-        for sums in (*self._totals.values(), *self._terms.values()):
-            sums[ended] = 0
 
     def items(self) -> dict[str, Any]:
         """Return ``return``, ``original_return``, ``length`` and, by name, ``terms``."""
         return {**self._totals, "terms": self._terms}
 
+
+class ManyEpisodeSums:
+    """Sums over the steps of an episode of each of B environments, in one array.
+
+    Args:
+        terms: the names of what the rules give.
+        count: B.
+    """
+
+    def __init__(self, terms: Iterable[str], count: int) -> None:
+        self._terms = tuple(terms)
+        self._sums = np.zeros((2 + len(self._terms), count))
+        self._rows = [*self._sums]
+        self._lengths = np.zeros(count, dtype=np.int64)
+
+    def add(
+        self, values: Array, original: Array, terms: Mapping[str, Array], steps: Array = 1
+    ) -> None:
+        """Add what a step gave.
+
+        Args:
+            values: (B,), its rewards.
+            original: (B,), the environments' own.
+            terms: what the rules gave (B,), by term.
+            steps: 0 where no step was taken.
+        """
+        for sums, new in zip(self._rows, (values, original, *terms.values()), strict=True):
+            np.add(sums, new, out=sums)
+        self._lengths += steps
+
+    def restart(self, ended: Array) -> None:
+        """Begin anew where an episode has ended."""
+        np.copyto(self._sums, 0.0, where=ended)
+        np.copyto(self._lengths, 0, where=ended)
+
+    def items(self, ended: Array) -> dict[str, Any]:
+        """Return what `EpisodeSums` do, (B,) each, with 0 where no episode has ended."""
+        return self._items([*np.where(ended, self._sums, 0.0)], np.where(ended, self._lengths, 0))
+
     def items_of(self, index: int) -> dict[str, Any]:
-        """Return the same of one of B environments, as plain numbers."""
-        totals, terms = (
-            {name: sums[index].item() for name, sums in group.items()}
-            for group in (self._totals, self._terms)
-        )
-        return {**totals, "terms": terms}
+        """Return the same of one environment, as plain numbers."""
+        return self._items(self._sums[:, index].tolist(), self._lengths[index].item())
+
+    def _items(self, sums: Sequence[Any], length: Any) -> dict[str, Any]:
+        value, original, *terms = sums
+        totals = {"return": value, "original_return": original, "length": length}
+        return {**totals, "terms": dict(zip(self._terms, terms, strict=True))}
 
 
 def shaping_of(
@@ -265,6 +297,12 @@ def item_names(reward: RewardFunction) -> tuple[str, ...]:
     kb = reward.kb
     groups = {"reward": kb.terms, "weight": kb.weights, "confidence": reward.subject_heads}
     return tuple(f"{group}_{name}" for group, names in groups.items() for name in names)
+
+
+def term_names(reward: RewardFunction, shaping: Shaping | None) -> tuple[str, ...]:
+    """Return the names of what the rules give for a step, in their order."""
+    potential = None if shaping is None else shaping.weight
+    return (*reward.kb.terms,) if potential is None else (potential,)
 
 
 def total(terms: Mapping[str, Array]) -> Array:

@@ -12,6 +12,15 @@ import numpy.typing as npt
 from sfol import arrays
 
 
+def copied(batch: Any) -> Any:
+    """Return B observations as they are now: environments may use one array for all of them."""
+    if isinstance(batch, np.ndarray) and batch.dtype != np.object_:
+        return batch.copy()  # several times as fast as what is below
+    if type(batch) is dict:
+        return {key: copied(part) for key, part in batch.items()}
+    return copy.deepcopy(batch)
+
+
 def row(batch: Any, index: int) -> Any:
     """Return one of B observations."""
     if isinstance(batch, Mapping):

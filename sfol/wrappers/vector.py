@@ -10,10 +10,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sfol.errors import UsageError, expect
 from sfol.observations.plans import Observation
+from sfol.recorded_steps import Reals
 from sfol.reward import RewardFunction
 from sfol.wrappers.goals import refuse_hindsight
-from sfol.wrappers.judging_many import ManyJudge, Mask, Reals
-from sfol.wrappers.modes import EPISODE, FIRED, EpisodeSums, check_reads, check_together, shaping_of
+from sfol.wrappers.judging_many import ManyJudge, Mask
+from sfol.wrappers.modes import (
+    EPISODE,
+    FIRED,
+    ManyEpisodeSums,
+    check_reads,
+    check_together,
+    shaping_of,
+    term_names,
+)
 from sfol.wrappers.nested import replaced, row
 from sfol.wrappers.silence import Silence
 
@@ -61,6 +70,7 @@ class VectorRuleReward(VectorWrapper):
         self._autoreset = _autoreset_mode(envs)
         super().__init__(envs)
         self._judge = ManyJudge(reward, shaping)
+        self._terms = term_names(reward, shaping)
         self._mode = mode
         self._silence = Silence(reward)
 
@@ -74,7 +84,7 @@ class VectorRuleReward(VectorWrapper):
         chosen = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
         if chosen is None:
-            self._sums = EpisodeSums()
+            self._sums = ManyEpisodeSums(self._terms, self.num_envs)
             self._begins = np.zeros(self.num_envs, dtype=np.bool_)
         else:
             self._sums.restart(chosen)
@@ -91,13 +101,15 @@ class VectorRuleReward(VectorWrapper):
         given = self._judge.step(actions, landed, native, terminated, truncated, taken)
         self._silence.hear(given.items)
         rewards = given.values if self._mode == "replace" else native + given.values
-        self._sums.add(rewards, native, given.terms, taken.astype(np.int64))
+        self._sums.add(rewards, native, given.terms, taken)
         items: dict[str, Any] = {**given.items, "original_reward": np.array(native)}
         if given.fired is not None:
             items[FIRED] = _with_masks(given.fired, taken)
         infos = {**infos, **_with_masks(items, taken)}
-        if ended.any():
-            infos |= _with_masks({EPISODE: _sums(self._sums.items(), ended)}, ended)
+        if np.count_nonzero(ended):
+            sums = self._sums.items(ended)
+            sums["terms"] = _with_masks(sums["terms"], ended)
+            infos |= _with_masks({EPISODE: _with_masks(sums, ended)}, ended)
             self._sums.restart(ended)
             self._silence.end()
         self._begins = ended & (self._autoreset is AutoresetMode.NEXT_STEP)
@@ -147,13 +159,4 @@ def _autoreset_mode(envs: VectorEnv[Any, Any, Any]) -> AutoresetMode:
 
 def _with_masks(items: Mapping[str, Any], mask: Mask) -> dict[str, Any]:
     """Return items as `gymnasium.vector` has them, each with who it is of."""
-    return {**items, **{f"_{name}": mask for name in items}}
-
-
-def _sums(items: Mapping[str, Any], ended: Mask) -> dict[str, Any]:
-    """Return sums of those whose episode has ended, and 0 for the others, with masks."""
-    parts = {
-        name: _sums(part, ended) if isinstance(part, Mapping) else np.where(ended, part, 0)
-        for name, part in items.items()
-    }
-    return _with_masks(parts, ended)
+    return {**items, **dict.fromkeys([f"_{name}" for name in items], mask)}
