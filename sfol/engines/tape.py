@@ -200,13 +200,24 @@ class Tape:
     def _chosen(self, _: str, condition: int, then: int, otherwise: int) -> int | None:
         if self.is_constant(condition):
             return then if self.values[condition] else otherwise
-        is_above = self._is_zero(otherwise) and self._entries[condition] == (">", then, otherwise)
-        if is_above and self._ranges[then].is_positive:  # x where x is above 0, else 0
-            return then
         narrower = self._narrowed(condition, then)
-        if narrower == otherwise:
-            return otherwise
-        return None if narrower == then else self.applied("where", condition, narrower, otherwise)
+        wider = self._widened(condition, narrower, otherwise)
+        if wider is None or narrower == otherwise:
+            return narrower
+        if (wider, narrower) == (condition, then):
+            return None
+        return self.applied("where", wider, narrower, otherwise)
+
+    def _widened(self, condition: int, lane: int, zero: int) -> int | None:
+        """Return a condition without x > 0, where x or else 0 is asked for and x is from 0 up."""
+        if not self._is_zero(zero) or not self._ranges[lane].is_positive:
+            return condition
+        operation, *parts = self._entries[condition]
+        superfluous = (">", lane, zero)
+        if self._entries[condition] == superfluous:
+            return None
+        others = [part for part in parts if self._entries[part] != superfluous]
+        return others[0] if operation == "and" and len(others) == 1 else condition
 
     def _neutral(self, operation: str, left: int, right: int) -> int | None:
         """Leave out what changes no number, not even the sign of a zero."""
@@ -280,6 +291,8 @@ class Tape:
 
     def _under(self, holding: Set[int], lane: int, known: dict[int, int], depth: int) -> int:
         """Return a lane under conditions; lanes that are far from it stay as they are."""
+        if lane in holding:
+            return self.constant(value=True)
         operation, *rest = self._entries[lane]
         # What stands before the conditions does not ask for them.
         if operation not in OPERATIONS or lane < min(holding):

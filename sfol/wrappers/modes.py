@@ -99,9 +99,8 @@ class ManyEpisodeSums:
 
     def __init__(self, terms: Iterable[str], count: int) -> None:
         self._terms = tuple(terms)
-        self._sums = np.zeros((2 + len(self._terms), count))
+        self._sums = np.zeros((3 + len(self._terms), count))
         self._rows = [*self._sums]
-        self._lengths = np.zeros(count, dtype=np.int64)
 
     def add(
         self, values: Array, original: Array, terms: Mapping[str, Array], steps: Array = 1
@@ -114,25 +113,33 @@ class ManyEpisodeSums:
             terms: what the rules gave (B,), by term.
             steps: 0 where no step was taken.
         """
-        for sums, new in zip(self._rows, (values, original, *terms.values()), strict=True):
-            np.add(sums, new, out=sums)
-        self._lengths += steps
+        new = (values, original, steps, *terms.values())
+        for sums, numbers in zip(self._rows, new, strict=True):
+            np.add(sums, numbers, out=sums)
 
-    def restart(self, ended: Array) -> None:
-        """Begin anew where an episode has ended."""
+    def end(self, ended: Array) -> dict[str, Any]:
+        """Return what `EpisodeSums` do, (B,) each, and begin anew where an episode has ended.
+
+        Args:
+            ended: (B,), whether it has; the sums of the others are given as 0.
+        """
+        sums = np.where(ended, self._sums, 0.0)
         np.copyto(self._sums, 0.0, where=ended)
-        np.copyto(self._lengths, 0, where=ended)
+        value, original, lengths, *terms = sums
+        return self._items(value, original, lengths.astype(np.int64), terms)
 
-    def items(self, ended: Array) -> dict[str, Any]:
-        """Return what `EpisodeSums` do, (B,) each, with 0 where no episode has ended."""
-        return self._items([*np.where(ended, self._sums, 0.0)], np.where(ended, self._lengths, 0))
+    def restart(self, chosen: Array) -> None:
+        """Begin anew in some environments."""
+        np.copyto(self._sums, 0.0, where=chosen)
 
     def items_of(self, index: int) -> dict[str, Any]:
-        """Return the same of one environment, as plain numbers."""
-        return self._items(self._sums[:, index].tolist(), self._lengths[index].item())
+        """Return what `EpisodeSums` do of one environment, as plain numbers."""
+        value, original, length, *terms = self._sums[:, index].tolist()
+        return self._items(value, original, int(length), terms)
 
-    def _items(self, sums: Sequence[Any], length: Any) -> dict[str, Any]:
-        value, original, *terms = sums
+    def _items(
+        self, value: Any, original: Any, length: Any, terms: Sequence[Any]
+    ) -> dict[str, Any]:
         totals = {"return": value, "original_return": original, "length": length}
         return {**totals, "terms": dict(zip(self._terms, terms, strict=True))}
 

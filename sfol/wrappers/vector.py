@@ -107,12 +107,12 @@ class VectorRuleReward(VectorWrapper):
             items[FIRED] = _with_masks(given.fired, taken)
         infos = {**infos, **_with_masks(items, taken)}
         if np.count_nonzero(ended):
-            sums = self._sums.items(ended)
+            sums = self._sums.end(ended)
             sums["terms"] = _with_masks(sums["terms"], ended)
             infos |= _with_masks({EPISODE: _with_masks(sums, ended)}, ended)
-            self._sums.restart(ended)
             self._silence.end()
-        self._begins = ended & (self._autoreset is AutoresetMode.NEXT_STEP)
+        if self._autoreset is AutoresetMode.NEXT_STEP:
+            self._begins = ended
         self._judge.go_on(observations, landed)
         return observations, rewards, terminated, truncated, infos
 
