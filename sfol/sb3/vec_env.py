@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -101,7 +102,7 @@ class VecRuleReward(VecEnvWrapper):
         observations, native, dones, infos = self.venv.step_wait()
         ended = np.flatnonzero(dones).tolist()
         step = _Step(
-            self._actions, _landed(observations, ended, infos), native, _truncated(dones, infos),
+            self._actions, _landed(observations, ended, infos), native, _truncated(ended, infos),
             dones, infos,
         )  # fmt: skip
         ruled, terms, items = self._panel.step(step)
@@ -110,7 +111,9 @@ class VecRuleReward(VecEnvWrapper):
         infos = [info.copy() for info in infos]
         for info, own in zip(infos, items, strict=True):
             info.update(own)
-            self._silence.hear(info)
+        if self._silence.lasts:
+            for info in infos:
+                self._silence.hear(info)
         for index in ended:
             infos[index][EPISODE] = self._sums.items_of(index)
         if ended:
@@ -271,7 +274,7 @@ def _transition(judge: Judge[Any, Any], step: _Step, index: int) -> Transition[A
 def _by_environment(columns: Mapping[str, Any]) -> Iterable[_Items]:
     """Return arrays (B,) by name as B times pairs of name and number."""
     lists = [np.asarray(values).tolist() for values in columns.values()]
-    return (zip(columns, numbers, strict=False) for numbers in zip(*lists, strict=True))
+    return map(zip, repeat((*columns,)), zip(*lists, strict=True))
 
 
 def _landed(observations: Any, ended: Sequence[int], infos: _Infos) -> Any:
@@ -287,6 +290,8 @@ def _landed(observations: Any, ended: Sequence[int], infos: _Infos) -> Any:
     return replaced(observations, {i: infos[i]["terminal_observation"] for i in ended})
 
 
-def _truncated(dones: Mask, infos: _Infos) -> Mask:
-    said = [bool(info.get("TimeLimit.truncated", False)) for info in infos]
-    return dones & np.array(said, dtype=np.bool_)
+def _truncated(ended: Sequence[int], infos: _Infos) -> Mask:
+    truncated = np.zeros(len(infos), dtype=np.bool_)
+    for index in ended:
+        truncated[index] = infos[index].get("TimeLimit.truncated", False)
+    return truncated

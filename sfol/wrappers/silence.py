@@ -20,11 +20,14 @@ class Silence:
 
     Args:
         reward: the reward function.
+
+    Attributes:
+        lasts: whether it listens.
     """
 
     def __init__(self, reward: RewardFunction) -> None:
         self._kb = reward.kb
-        self._lasts = bool(reward.kb.heads)
+        self.lasts = bool(reward.kb.heads)
 
     def hear(self, items: Mapping[str, float | npt.NDArray[Any]]) -> None:
         """Listen to a step.
@@ -32,9 +35,9 @@ class Silence:
         Args:
             items: what `info` gets: numbers, or arrays (B,).
         """
-        if self._lasts:
+        if self.lasts:
             spoken = (value for name, value in items.items() if name.startswith(_SPEAKING))
-            self._lasts = not any(np.any(value) for value in spoken)
+            self.lasts = not any(np.any(value) for value in spoken)
 
     def end(self, facts: Callable[[], Facts] | None = None) -> None:
         """Warn at the end of an episode, if it was the first and nothing was concluded in it.
@@ -42,9 +45,9 @@ class Silence:
         Args:
             facts: returns its last ones, if they are at hand.
         """
-        if not self._lasts:
+        if not self.lasts:
             return
-        self._lasts = False
+        self.lasts = False
         given = {atom.predicate for atom in self._kb.background} | {*self._kb.heads}
         known = None if facts is None else {*facts().predicates()}
         missing = [] if known is None else sorted(self._kb.read - given - known)

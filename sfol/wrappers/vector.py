@@ -112,7 +112,7 @@ class VectorRuleReward(VectorWrapper):
             infos |= _with_masks({EPISODE: _with_masks(sums, ended)}, ended)
             self._silence.end()
         if self._autoreset is AutoresetMode.NEXT_STEP:
-            self._begins = ended
+            self._begins = ended.copy()  # which infos have as a mask
         self._judge.go_on(observations, landed)
         return observations, rewards, terminated, truncated, infos
 
