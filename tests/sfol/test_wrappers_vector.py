@@ -8,6 +8,7 @@ import pytest
 import sfol
 
 gymnasium = pytest.importorskip("gymnasium")
+from gymnasium.utils.env_checker import data_equivalence  # noqa: E402
 from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 
 from sfol.wrappers import EPISODE, RuleReward, VectorRuleReward  # noqa: E402 (as above)
@@ -143,6 +144,33 @@ def test_a_step_in_which_all_begin_anew(drift, autoreset):
         if autoreset is AutoresetMode.DISABLED:
             envs.reset(options={"reset_mask": terminated | truncated})
     assert rewarded == [True, autoreset is not AutoresetMode.NEXT_STEP] * 2
+
+
+def test_what_a_step_returned_may_be_written_to(drift):
+    def make():
+        return gymnasium.wrappers.TimeLimit(Boat(), 2)
+
+    def written_to(parts):
+        for part in parts.values() if isinstance(parts, dict) else parts:
+            if isinstance(part, dict):
+                written_to(part)
+            elif isinstance(part, np.ndarray):
+                part[...] = True
+
+    left_alone, written = (VectorRuleReward(SyncVectorEnv([make] * 3), drift()) for _ in range(2))
+    for envs in (left_alone, written):
+        envs.reset(seed=0)
+    actions, ended = np.zeros(3, dtype=np.int64), 0
+    for _ in range(9):
+        expected, found = (envs.step(actions) for envs in (left_alone, written))
+        assert data_equivalence(expected, found)
+        infos = found[-1]
+        before = infos["reward_far"].copy()
+        written_to(found[:2])
+        assert infos["reward_far"].tolist() == before.tolist()  # as the rewards were
+        written_to(infos)
+        ended += EPISODE in infos
+    assert ended >= 3
 
 
 def test_an_episode_that_is_broken_off_leaves_nothing_in_the_sums(drift):

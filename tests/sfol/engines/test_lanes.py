@@ -299,6 +299,52 @@ def test_what_is_left_out_changes_nothing(a, b, constant):
         np.testing.assert_array_equal(np.broadcast_to(value, 2), np.full(2, single))
 
 
+REALS = FINITE | st.sampled_from([5e-324, -5e-324, 1.7e308, -1.7e308])
+
+
+@given(REALS, REALS, st.sampled_from([0.0, 1.0, -0.5]))
+def test_what_is_left_out_changes_not_even_the_sign_of_a_zero(a, b, constant):
+    def computed(x, y, minimum, where):
+        low = minimum(abs(x), 1.0)
+        holds = y > constant
+        truth = 1.0 * holds
+        sums = [x + 0.0, 0.0 + x, x - 0.0, x + -0.0, x - -0.0, 0.0 + (0.0 + x), low + 0.0]
+        zeros = [0.0 * x, x * 0.0, 0.0 * low, low - 0.0 * low, -0.0 * low, 0.0 * -low]
+        halves = [(x + x) / 2.0, (low + low) / 2.0, (x + y) / 2.0, (truth + truth) / 2.0]
+        chosen = [
+            where(x > 0.0, x, 0.0),
+            where(low > 0.0, low, 0.0),
+            where((low > 0.0) & holds, minimum(low, truth), 0.0),
+            where((truth > 0.0) & (low > 0.0), low * truth, 0.0),
+            where((x > 0.0) & holds, x - truth, 0.0),
+            where((low > 0.0) & holds, low, -0.0),
+        ]
+        return [*sums, *zeros, *halves, *chosen]
+
+    tape = Tape()
+    pair = recorded(tape, 0.3, 0.7)
+    results = computed(pair[0], pair[1], arrays.minimum, arrays.where)
+    program = tape.program([lane.ids.item() for lane in results])
+    with np.errstate(all="ignore"):
+        expected = np.array(computed(np.float64(a), np.float64(b), np.minimum, np.where))
+    many = program.of_arrays({0: np.array([[a, a], [b, b]])})
+    for found in (program.of_numbers({0: [a, b]}), [np.broadcast_to(v, 2)[1] for v in many]):
+        np.testing.assert_array_equal(np.array(found, float), expected)
+        np.testing.assert_array_equal(
+            np.signbit(np.array(found, float))[~np.isnan(expected)],
+            np.signbit(expected)[~np.isnan(expected)],
+        )
+
+
+def test_an_exact_bound_costs_what_a_number_does():
+    tape = Tape()
+    x = recorded(tape, 0.3)
+    low = arrays.minimum(abs(x), 1.0)
+    lower, upper = low - 0.0 * low, arrays.minimum(low + 0.0 * low, 1.0)
+    middle = 0.0 + arrays.where(upper > 0.0, (lower + upper) / 2.0, 0.0)
+    assert middle.ids.tolist() == low.ids.tolist()
+
+
 def test_what_no_tape_holds_is_refused():
     array = recorded(Tape(), 1.0, 2.0)
     for use in (float, iter, np.asarray, lambda a: a.tolist(), np.linalg.norm):
