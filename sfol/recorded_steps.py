@@ -16,6 +16,9 @@ from sfol.errors import SfolError
 from sfol.observations.plans import Observation, ObservedStep
 
 Reals = npt.NDArray[np.float64]
+# How many steps are repeated together: what they compute then stays in a processor's cache. A tape
+# that is too long even for these takes longer than an evaluation.
+BLOCK = 4096
 _Keys = tuple[Any, ...]
 _Step = Sequence[Observation]
 _NUMBERS = (float, int, np.number, np.bool_)
@@ -117,20 +120,37 @@ class Recording:
 
     def arrays(self, step: _Step) -> list[Array] | None:
         """Return what is wanted of B steps; None if the tape does not hold for one of them."""
-        given: dict[int, npt.NDArray[np.float64]] = {}
+        given = self._given(step)
+        if given is None:
+            return None
+        size = self.size_of(step)
+        if size <= BLOCK:
+            return self.program.of_arrays(given)
+        blocks = []
+        for start in range(0, size, BLOCK):
+            block = {name: rows[:, start : start + BLOCK] for name, rows in given.items()}
+            values = self.program.of_arrays(block)
+            if values is None:
+                return None
+            blocks.append(values)
+        return [_joined(parts) for parts in zip(*blocks, strict=True)]
+
+    def _given(self, step: _Step) -> dict[int, Reals] | None:
+        """Return the arrays that the tape takes, (k, B); None if it does not hold for them."""
+        given: dict[int, Reals] = {}
         sizes = set()
         for name, leaf in self.leaves.items():
             value = leaf_of(step, leaf)
             if not _is_array(value) or value.shape[1:] != leaf.shape or not len(value):
                 return None
-            if len(value) * self.program.size > MOST_NUMBERS:
+            if min(len(value), BLOCK) * self.program.size > MOST_NUMBERS:
                 return None
             sizes.add(len(value))
             columns = value.reshape(len(value), -1).T
             given[name] = numbers = np.ascontiguousarray(columns, dtype=np.float64)
             if np.count_nonzero(np.isnan(numbers)) and np.isnan(numbers[self._needed[name]]).any():
                 return None
-        return self.program.of_arrays(given) if len(sizes) == 1 else None
+        return given if len(sizes) == 1 else None
 
     def size_of(self, step: _Step) -> int:
         """Return how many steps there are."""
@@ -189,6 +209,10 @@ def first_of(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(map(first_of, value))
     return arrays.plain(value)[:1] if arrays.is_array(value) else value
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else parts[0]
 
 
 def leaf_of(step: _Step, leaf: Leaf) -> Any:

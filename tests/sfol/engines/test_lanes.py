@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sfol
-from sfol import arrays
+from sfol import arrays, recorded_steps
 from sfol.engines import lanes
 from sfol.engines.lanes import Recorded
 from sfol.engines.tape import NotRecordableError, Tape
@@ -186,7 +186,39 @@ def test_another_number_counts_at_once():
         )
 
 
-def test_outcomes_are_their_own():
+@pytest.fixture(params=[4096, 4], ids="blocks of {}".format)
+def blocks(request, monkeypatch):
+    monkeypatch.setattr(recorded_steps, "BLOCK", request.param)
+
+
+@pytest.mark.parametrize("size", [1, 4, 5, 12])
+def test_many_steps_are_repeated_in_blocks(blocks, size):
+    step = alone(np.random.default_rng(0).normal(0, 1, (size, 4)))
+    assert_repeated(ready(sfol.RewardFunction("cartpole"), step), step)
+
+
+@pytest.mark.parametrize("scene", [0, 4, 8])
+def test_a_block_that_does_not_hold_is_evaluated_with_all_others(blocks, scene):
+    good = np.random.default_rng(0).normal(0, 0.1, (9, 4))
+    reward = ready(sfol.RewardFunction("cartpole"), alone(good))
+    bad = good.copy()
+    bad[scene, :2] = (9.0, 1e200)
+    assert reward.repeated_many(alone(bad)) is None
+    with pytest.raises(FormulaError, match=f"scene {scene}"):
+        reward.transition(bad)
+
+
+def test_a_long_tape_repeats_few_steps(rewards, monkeypatch):
+    assert rewards[0].repeated_many(step_of(1, size=7)) is not None
+    size = rewards[0]._repeated_many[False]._recording.program.size
+    monkeypatch.setattr(recorded_steps, "MOST_NUMBERS", 5 * size)
+    assert rewards[0].repeated_many(step_of(1, size=5)) is not None
+    assert rewards[0].repeated_many(step_of(1, size=7)) is None
+    monkeypatch.setattr(recorded_steps, "BLOCK", 5)
+    assert rewards[0].repeated_many(step_of(1, size=7)) is not None
+
+
+def test_outcomes_are_their_own(blocks):
     step = alone(np.random.default_rng(0).normal(0, 1, (9, 4)))
     reward = ready(sfol.RewardFunction("cartpole"), step)
     first, second = reward.transitions(*step), reward.transitions(*step)
