@@ -94,7 +94,7 @@ class TensorReward:
         lanes: list[Tensor] = [None] * program.size
         for place, value in program.constants:
             kind = torch.bool if isinstance(value, bool) else torch.float64
-            lanes[place] = torch.full_like(like, value, dtype=kind)
+            lanes[place] = torch.full((), value, dtype=kind, device=like.device)
         for name, index, place in program.given:
             lanes[place] = number = columns[name][..., index]
             holds = holds & ~torch.isnan(number)
