@@ -164,7 +164,7 @@ def test_a_reward_that_nobody_wrote_by_hand_is_not_compared():
     assert measure_hand_written(KnowledgeBase.load("doorkey")) is None
 
 
-def test_both_sides_are_called_in_turns():
+def test_both_sides_are_called_in_turns(quick):
     calls = []
     in_turns(lambda: calls.append(1), lambda: calls.append(2))
     assert calls == [1, 2] * (len(calls) // 2)
