@@ -91,7 +91,7 @@ class Moment(NamedTuple):
         return cls(step, window, _rows(last, known), _lookup(first, known))
 
 
-class Operator(ABC):
+class TemporalOperator(ABC):
     """An operator over time; its subclasses are frozen dataclasses.
 
     Attributes:
@@ -154,7 +154,7 @@ class Operator(ABC):
 
 
 @dataclass(frozen=True)
-class Previously(Operator):
+class Previously(TemporalOperator):
     """``previously(A)``: the bound of A one step before.
 
     Source: Y of past-time linear temporal logic; O. Lichtenstein, A. Pnueli, L. Zuck, "The glory of
@@ -172,7 +172,7 @@ class Previously(Operator):
 
 
 @dataclass(frozen=True)
-class _Window(Operator):
+class _Window(TemporalOperator):
     """An operator that looks back so far, in the unit of `time`."""
 
     back: float
@@ -261,7 +261,7 @@ class Held(_Window):
 
 
 @dataclass(frozen=True)
-class Since(Operator):
+class Since(TemporalOperator):
     """``since(A, B)``: B held at some step, and A at every later one.
 
     Its bound is the greatest, over such steps, of the least of B's bound there and A's bounds
@@ -301,7 +301,7 @@ class Since(Operator):
 
 
 @dataclass(frozen=True)
-class Latched(Operator):
+class Latched(TemporalOperator):
     """``latched(A, on=0.7, off=0.3)``: from where A's confidence reaches on until it is below off.
 
     Its atom is [1, 1] while it is so and otherwise unknown. The confidence is the midpoint of A's
@@ -356,7 +356,7 @@ class Latched(Operator):
 
 
 @dataclass(frozen=True)
-class Rose(Operator):
+class Rose(TemporalOperator):
     """``rose(A)``: A, and not previously A; the least of both bounds where both hold."""
 
     name: ClassVar[str] = "rose"
@@ -366,7 +366,7 @@ class Rose(Operator):
 
 
 @dataclass(frozen=True)
-class Fell(Operator):
+class Fell(TemporalOperator):
     """``fell(A)``: previously A, and not A; the least of both bounds where both hold."""
 
     name: ClassVar[str] = "fell"
@@ -375,7 +375,7 @@ class Fell(Operator):
         return dict(moment.rows), _changed(before, moment.rows)
 
 
-OPERATORS: Mapping[str, type[Operator]] = MappingProxyType(
+OPERATORS: Mapping[str, type[TemporalOperator]] = MappingProxyType(
     {kind.name: kind for kind in (Previously, Once, Held, Since, Latched, Rose, Fell)}
 )
 assert tuple(OPERATORS) == OVER_TIME
@@ -430,7 +430,7 @@ def _check_is_predicate(reader: Reader) -> None:
     )
 
 
-def applied(operator: Operator, operands: Sequence[Atom]) -> Atom:
+def applied(operator: TemporalOperator, operands: Sequence[Atom]) -> Atom:
     """Return what an operator says of some atoms: an atom whose arguments are their variables."""
     arguments: list[str] = []
 

@@ -29,10 +29,10 @@ from sfol.temporal import (
     Held,
     Latched,
     Once,
-    Operator,
     Previously,
     Rose,
     Since,
+    TemporalOperator,
     applied,
 )
 
@@ -375,7 +375,7 @@ def knowledge_bases(
 
 _STEP = 0.25
 _durations = st.integers(1, 12).map(lambda n: n / 8)  # of two of three windows, not whole steps
-_operators: st.SearchStrategy[Operator] = st.one_of(
+_operators: st.SearchStrategy[TemporalOperator] = st.one_of(
     st.sampled_from([Previously(), Rose(), Fell()]),
     st.builds(Once, _durations),
     st.builds(Held, _durations),
