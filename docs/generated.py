@@ -21,6 +21,7 @@ from typer.cli import get_docs_for_click
 
 import sfol.arithmetic
 import sfol.clauses
+import sfol.comparisons
 import sfol.connectives
 import sfol.errors
 import sfol.formula
@@ -120,7 +121,9 @@ def _sentences(group: Any) -> Iterator[tuple[str, str]]:
 
 def grammar() -> str:
     """Return the grammar of clauses and facts, which stands in the docstrings of their readers."""
-    texts = (inspect.getdoc(sfol.clauses) or "", inspect.getdoc(sfol.syntax) or "")
+    texts = [
+        inspect.getdoc(module) or "" for module in (sfol.clauses, sfol.comparisons, sfol.syntax)
+    ]
     lines = [line[4:] for text in texts for line in text.splitlines() if line.startswith("    ")]
     return "\n".join(["```text", *lines, "```"])
 

@@ -11,19 +11,20 @@ The grammar, with `?` optional and `*` repeated; atoms and terms are those of `s
     count     =  "count" counting ">=" integer | "exists" counting
     counting  =  "(" variable ("," variable)* ":" inner ("," inner)* ")"
     forall    =  "forall" counting "(" inner ("," inner)* ")"
-    pattern   =  atom, any of whose arguments may be "_" | timed
+    pattern   =  atom, any of whose arguments may be "_" | compared | timed
     timed     =  ("previously" | "rose" | "fell") "(" pattern ")"
               |  ("once" | "held") "[" number "]" "(" pattern ")"
               |  "since" "(" pattern "," pattern ")"
               |  "latched" "(" pattern "," "on" "=" number "," "off" "=" number ")"
 
-Each kind of literal is a class of `sfol.literals`, and reads itself. A rule whose body has ``or``
-or ``implies`` stands for several clauses, one for each way in which the body can hold.
+What is compared is said in `sfol.comparisons`. Each kind of literal is a class of `sfol.literals`,
+and reads itself. A rule whose body has ``or`` or ``implies`` stands for several clauses, one for
+each way in which the body can hold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, count
@@ -108,6 +109,11 @@ class Body:
         return tuple(dict.fromkeys(found))
 
     @property
+    def comparisons(self) -> tuple[Atom, ...]:
+        """What it says of values, also where an operator over time speaks of it."""
+        return tuple(atom for lit in self._atom_literals for atom in lit.atom.comparisons)
+
+    @property
     def terms(self) -> tuple[str, ...]:
         """The variables and constants that it names, each once, in order."""
         return tuple(dict.fromkeys(term for lit in self.literals for term in lit.terms))
@@ -162,16 +168,17 @@ class WrittenRule:
         return f"{self.head} :- {self.body}."
 
 
-def parse_rule(text: str) -> WrittenRule:
+def parse_rule(text: str, attributes: Container[str] = ()) -> WrittenRule:
     """Parse one rule.
 
     Args:
         text: such as ``safe2(X) :- Vehicle(X), (OnRoad(P) or OnCrosswalk(P)).``
+        attributes: what has values, so that `>=` compares these.
 
     Raises:
         ClauseError: with the offset of what is wrong.
     """
-    reader = Reader(text)
+    reader = Reader(text, attributes)
     head = reader.atom()
     reader.expect(":-", "a rule is written 'head :- body.'")
     body = _body(reader)
@@ -180,20 +187,28 @@ def parse_rule(text: str) -> WrittenRule:
     return WrittenRule(head, body, tuple(Clause(head, way) for way in _ways(body, reader)))
 
 
-def parse_clause(text: str) -> Clause:
+def parse_clause(text: str, attributes: Container[str] = ()) -> Clause:
     """Parse a rule that is a single clause: its body has neither ``or`` nor ``implies``.
+
+    Args:
+        text: see `parse_rule`.
+        attributes: likewise.
 
     Raises:
         ClauseError: see `parse_rule`; or it stands for several clauses.
     """
-    clause, *others = parse_rule(text).clauses
+    clause, *others = parse_rule(text, attributes).clauses
     if others:
         raise _several(len(others) + 1)
     return clause
 
 
-def parse_conditions(text: str) -> tuple[Body, ...]:
+def parse_conditions(text: str, attributes: Container[str] = ()) -> tuple[Body, ...]:
     """Parse the body of a rule alone, such as ``Pedestrian(X), OnRoad(X)``.
+
+    Args:
+        text: the body.
+        attributes: what has values, so that `>=` compares these.
 
     Returns:
         One body for each way in which it can hold.
@@ -201,7 +216,7 @@ def parse_conditions(text: str) -> tuple[Body, ...]:
     Raises:
         ClauseError: with the offset of what is wrong.
     """
-    reader = Reader(text)
+    reader = Reader(text, attributes)
     body = _body(reader)
     reader.end()
     return _ways(body, reader)

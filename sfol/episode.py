@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from sfol.comparisons import compared_rows
 from sfol.engines.conclusions import Conclusions
 from sfol.engines.engine import Engine
 from sfol.engines.tables import Tables
@@ -59,6 +60,7 @@ class Timeline:
             name: steps_of(name.operator.duration or 0.0, self._length) for name in kb.timed
         }
         self._smoothing = kb.smoothed
+        self._comparisons = kb.comparisons
         self._strict = tuple(name for name in kb.timed if name.operator.strict)
 
     def conclude(self, facts: Facts, memory: Memory) -> Conclusions:
@@ -68,7 +70,9 @@ class Timeline:
             facts: ground atoms with bounds; they are not changed.
             memory: what is remembered of the steps before.
         """
-        said: dict[str, dict[Constants, Bound]] = {}
+        said: dict[str, dict[Constants, Bound]] = {
+            name: compared_rows(name, facts.values()) for name in self._comparisons
+        }
         atoms: dict[str, Remembered] = {}
         for layer in self._layers:
             known = self._known(layer.engine, facts, said)
@@ -114,7 +118,17 @@ class Timeline:
     ) -> Tables:
         """Return what is known of a step so far."""
         if engine is None:
-            return Tables.of(facts, self._kb.background)
+            tables = Tables.of(facts, self._kb.background)
+        else:
+            tables = self._concluded(engine, facts, said)
+        for name, rows in said.items():
+            tables.put_all(name, rows)
+        return tables
+
+    @staticmethod
+    def _concluded(
+        engine: Engine, facts: Facts, said: Mapping[str, dict[Constants, Bound]]
+    ) -> Tables:
         arities = engine.program.arities
         conclusions = engine.conclude(
             facts.extended({name: rows for name, rows in said.items() if name in arities})
@@ -122,8 +136,6 @@ class Timeline:
         tables = conclusions.tables
         for atom, bound in list(conclusions.derived.items()):
             tables.put(atom, bound)
-        for name, rows in said.items():
-            tables.put_all(name, rows)
         return tables
 
     def _advanced(

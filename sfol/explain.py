@@ -24,7 +24,7 @@ from sfol.knowledge_base.recursion import Component
 from sfol.literals import AtomLiteral, Counted, Literal, NoCounterexample, Ranging
 from sfol.literals.search import WORK_LIMIT, Constants, Row
 from sfol.outcome import Outcome
-from sfol.syntax import Atom, Timed, variables
+from sfol.syntax import Atom, Compared, Timed, variables
 
 if TYPE_CHECKING:
     import networkx
@@ -341,7 +341,9 @@ class _Prover:
             return self._of_all(literal, bound)
         derived = self._is_derived(literal)
         source = self._how_derived(atom, bound) if derived else self._origin(literal)
-        values = {"literal": str(literal), "bound": list(bound), "source": source}
+        values: dict[str, Any] = {"literal": str(literal), "bound": list(bound), "source": source}
+        if (value := self._tables.value(atom)) is not None:
+            values["value"] = value
         proofs = self._proofs_below(atom) if derived else ()
         return Node("fact", f"{literal} {bound}  {source}", values, proofs)
 
@@ -405,8 +407,11 @@ class _Prover:
     def _origin(self, literal: AtomLiteral) -> str:
         if literal.known(self._tables) is None:
             return "unknown"
-        if isinstance(literal.atom.predicate, Timed):
-            return self._when(literal.atom.predicate, literal.atom.arguments)
+        predicate, arguments = literal.atom
+        if isinstance(predicate, Timed):
+            return self._when(predicate, arguments)
+        if isinstance(predicate, Compared):
+            return f"{predicate.of(arguments)} = {self._tables.value(literal.atom):.6g}"
         return "background" if literal.atom in self._kb.background else "asserted"
 
     def _when(self, predicate: Timed, arguments: Constants) -> str:

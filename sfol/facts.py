@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Set
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -95,10 +96,11 @@ _MERGES: dict[Merge, Callable[[Bound, Bound], Bound]] = {
 }
 
 Relation = Mapping[tuple[str, ...], Bound]
+Values = Mapping[str, Mapping[tuple[str, ...], float]]  # attribute → constants → value
 
 
 class Facts:
-    """A set of ground atoms, each with its bound. An atom that is not in it is unknown.
+    """A set of ground atoms, each with its bound, and of values. What is not in it is unknown.
 
     Args:
         margin: m, the share of a confidence by which its bound reaches down and up.
@@ -108,13 +110,17 @@ class Facts:
         >>> facts.add("OnRoad", "p1")
         >>> facts.bound("Pedestrian", "p1").midpoint
         0.8
+        >>> facts.add("Distance", "p1", "ego", value=7.5)
+        >>> facts.value("Distance", "p1", "ego")
+        7.5
     """
 
-    __slots__ = ("_relations", "margin")
+    __slots__ = ("_relations", "_values", "margin")
 
     def __init__(self, *, margin: float = DEFAULT_MARGIN) -> None:
         self.margin = _share(margin, "the margin")
         self._relations: dict[str, dict[tuple[str, ...], Bound]] = {}
+        self._values: dict[str, dict[tuple[str, ...], float]] = {}
 
     @classmethod
     def parse(cls, text: str | Iterable[str], *, margin: float = DEFAULT_MARGIN) -> Facts:
@@ -122,18 +128,18 @@ class Facts:
 
         Args:
             text: such as ``Vehicle(ego). Pedestrian(p1): [0.76, 0.84]. OnRoad(p1): 0.9.``; a
-                number alone is a confidence.
+                number alone is a confidence. ``Distance(p1, ego) = 7.5.`` is a value.
             margin: see `Facts`.
 
         Raises:
             ClauseError: the text is not a list of facts.
-            FactError: a bound is none, or an atom stands twice with different bounds.
+            FactError: a bound is none, or an atom stands twice with different bounds or values.
         """
         facts = cls(margin=margin)
         texts = [text] if isinstance(text, str) else text
         for part in listed(texts, "facts", "give a text, or a list of texts"):
-            for atom, bound, confidence in parse_facts(part):
-                facts.add(*_flat(atom), bound=bound, confidence=confidence)
+            for atom, bound, confidence, value in parse_facts(part):
+                facts.add(*_flat(atom), bound=bound, confidence=confidence, value=value)
         return facts
 
     def add(
@@ -142,21 +148,32 @@ class Facts:
         *constants: str,
         confidence: float | None = None,
         bound: tuple[float, float] | None = None,
+        value: float | None = None,
         merge: Merge | None = None,
     ) -> None:
-        """Assert an atom; without bound and confidence it is [1, 1].
+        """Assert an atom; without bound and confidence it is [1, 1]. Or say a value.
 
         Args:
-            predicate: its name.
+            predicate: its name, or that of the attribute which has the value.
             constants: the names of entities, four at most.
             confidence: τ̂ in [0, 1]; the margin makes it a bound.
             bound: (lower, upper), instead of a confidence.
-            merge: what to do if the atom is known with another bound; None is an error.
+            value: a finite number in the unit of the attribute, instead of them.
+            merge: what to do if the atom is known with another bound or value; None is an error.
 
         Raises:
-            FactError: a name, a bound or the number of constants is wrong, or the atom is
-                already known with another bound.
+            FactError: a name, a bound, a value or the number of constants is wrong, or the atom
+                is already known with another bound or value.
         """
+        if value is not None:
+            if bound is not None or confidence is not None:
+                raise FactError(
+                    f"{predicate} has a value and a bound",
+                    name=predicate,
+                    suggestion="give one of them: an attribute has values, a predicate bounds",
+                )
+            self._add_value(predicate, constants, value, merge)
+            return
         if bound is None and confidence is None:
             new = TRUE
         else:
@@ -173,7 +190,7 @@ class Facts:
         if old is None:
             _check_atom(predicate, constants, relation)
         elif old != new:
-            new = self._merged(Atom(predicate, constants), old, new, merge)
+            new = _MERGES[self._merge(Atom(predicate, constants), old, new, merge)](old, new)
         relation[constants] = new
 
     def bound(self, predicate: str, *constants: str) -> Bound | None:
@@ -182,6 +199,17 @@ class Facts:
             return self._relations.get(predicate, {}).get(constants)
         except TypeError:  # what can't be a key is no name either
             return None
+
+    def value(self, attribute: str, *constants: str) -> float | None:
+        """Return the value of an attribute, or None if it is unknown."""
+        try:
+            return self._values.get(attribute, {}).get(constants)
+        except TypeError:  # what can't be a key is no name either
+            return None
+
+    def values(self) -> Values:
+        """Return every value: attribute → constants → value; do not change it."""
+        return self._values
 
     def relation(self, predicate: str) -> Relation:
         """Return the constants and bounds of every atom of a predicate; do not change it."""
@@ -192,7 +220,7 @@ class Facts:
         """Return what `relation` returns of every predicate of which something is known."""
         return self._relations
 
-    def predicates(self) -> Iterable[str]:
+    def predicates(self) -> Set[str]:
         """Return the predicates of which something is known."""
         return self._relations.keys()
 
@@ -207,10 +235,14 @@ class Facts:
         for atom, bound in self.items():
             if entity in atom.arguments:
                 chosen.add(*_flat(atom), bound=bound)
+        for attribute, known in self._values.items():
+            own = {names: value for names, value in known.items() if entity in names}
+            if own:
+                chosen._values[attribute] = own
         return chosen
 
     def items(self) -> Iterator[tuple[Atom, Bound]]:
-        """Yield every atom with its bound."""
+        """Yield every atom with its bound; values are apart, in `values`."""
         for predicate, relation in self._relations.items():
             for constants, bound in relation.items():
                 yield Atom(predicate, constants), bound
@@ -219,6 +251,14 @@ class Facts:
         """Return an independent copy."""
         twin = Facts(margin=self.margin)
         twin._relations = {name: dict(relation) for name, relation in self._relations.items()}
+        twin._values = {name: dict(values) for name, values in self._values.items()}
+        return twin
+
+    def restricted(self, predicates: Container[str], attributes: Container[str]) -> Facts:
+        """Return what is known of some predicates and attributes; it is not copied."""
+        twin = Facts(margin=self.margin)
+        twin._relations = {n: rows for n, rows in self._relations.items() if n in predicates}
+        twin._values = {name: rows for name, rows in self._values.items() if name in attributes}
         return twin
 
     def extended(self, relations: Mapping[str, dict[tuple[str, ...], Bound]]) -> Facts:
@@ -231,30 +271,66 @@ class Facts:
         twin = Facts(margin=self.margin)
         more = {name: relation for name, relation in relations.items() if relation}
         twin._relations = {**self._relations, **more}
+        twin._values = self._values
         return twin
 
     def __iter__(self) -> Iterator[Atom]:
-        return (atom for atom, _ in self.items())
+        for known in (self._relations, self._values):
+            for name, rows in known.items():
+                yield from (Atom(name, constants) for constants in rows)
 
     def __len__(self) -> int:
-        return sum(len(relation) for relation in self._relations.values())
+        bounds = sum(map(len, self._relations.values()))
+        return bounds + sum(map(len, self._values.values()))
 
     def __contains__(self, atom: object) -> bool:
         if not isinstance(atom, tuple) or not atom:
             return False
         predicate, *constants = _flat(atom) if isinstance(atom, Atom) else atom
-        return self.bound(predicate, *constants) is not None
+        known = self.bound(predicate, *constants)
+        return known is not None or self.value(predicate, *constants) is not None
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Facts) and dict(self.items()) == dict(other.items())
+        return (
+            isinstance(other, Facts)
+            and dict(self.items()) == dict(other.items())
+            and self._values == other._values
+        )
 
     __hash__ = None  # type: ignore[assignment]  # facts change in place
 
     def __str__(self) -> str:
-        return "\n".join(_fact_text(atom, bound) for atom, bound in self.items())
+        bounds = [_fact_text(atom, bound) for atom, bound in self.items()]
+        return "\n".join([*bounds, *self._value_texts()])
 
     def __repr__(self) -> str:
         return f"<Facts: {len(self)} about {len(self.entities())} entities>"
+
+    def _value_texts(self) -> Iterator[str]:
+        for attribute, known in self._values.items():
+            for constants, value in known.items():
+                yield f"{Atom(attribute, constants)} = {value!r}."
+
+    def _add_value(
+        self, attribute: str, constants: tuple[str, ...], given: object, merge: Merge | None
+    ) -> None:
+        value = as_float(given)
+        if value is None or not math.isfinite(value):
+            raise FactError(
+                f"{attribute} has {given!r:.80} for a value",
+                name=attribute,
+                suggestion="give a finite number, or leave out what is not known",
+            )
+        known = self._values.get(attribute, {}) if isinstance(attribute, str) else {}
+        if known:
+            _check_atom(attribute, constants, known)
+        else:
+            _check_new(attribute, constants)
+        old = known.get(constants, value)
+        if old != value:
+            how = self._merge(Atom(attribute, constants), old, value, merge)
+            value = max(old, value) if how == "maximum" else value
+        self._values.setdefault(attribute, {})[constants] = value
 
     def _new_bound(
         self,
@@ -284,7 +360,7 @@ class Facts:
         return Bound.checked(*bound, of=atom)
 
     @staticmethod
-    def _merged(atom: Atom, old: Bound, new: Bound, merge: Merge | None) -> Bound:
+    def _merge(atom: Atom, old: object, new: object, merge: Merge | None) -> Merge:
         if merge is None:
             raise FactError(
                 f"{atom} is asserted twice, with {old} and {new}",
@@ -295,7 +371,7 @@ class Facts:
             raise FactError(
                 f"'{merge}' is no merge", name=merge, suggestion=did_you_mean(merge, _MERGES)
             )
-        return _MERGES[merge](old, new)
+        return merge
 
 
 def _flat(atom: Atom | tuple[str, ...]) -> tuple[str, ...]:
@@ -322,7 +398,9 @@ def _check_new(predicate: str, constants: tuple[str, ...]) -> None:
     _check_atom(predicate, constants, {})
 
 
-def _check_atom(predicate: str, constants: tuple[str, ...], relation: Relation) -> None:
+def _check_atom(
+    predicate: str, constants: tuple[str, ...], relation: Mapping[tuple[str, ...], object]
+) -> None:
     for constant in constants:
         if not (isinstance(constant, str) and _names_an_entity(constant)):
             raise FactError(

@@ -1,11 +1,13 @@
 """Logs: recorded facts and signals of every step, as Parquet files of a versioned format.
 
-A row is a step. Its columns are ``episode`` and ``step`` (numbers from 0), ``time`` in s,
-``facts`` (a list of atom, lower and upper bound, so that every bound comes back exactly),
-``signals`` (name → number) and ``ending``, how the episode ended, the same in all its rows. The
-file's metadata hold the version of the format, that of sfol, the name and hash of the knowledge
-base, and a digest of all bytes of the file but its own. A log has what a reward needs, so that any
-other knowledge base can be put to the same episodes.
+A row is a step. Its columns are ``episode`` and ``step`` (numbers from 0), ``time`` in s, ``facts``
+(a list of atom, lower and upper bound, so that every bound comes back exactly), ``signals`` (name →
+number) and ``ending``, how the episode ended, the same in all its rows. Where the knowledge base
+has attributes there is a column ``values``, a list of atom and value, and the format has version 2;
+otherwise it has version 1, which older versions of sfol read. The file's metadata hold the version
+of the format, that of sfol, the name and hash of the knowledge base, and a digest of all bytes of
+the file but its own. A log has what a reward needs, so that any other knowledge base can be put to
+the same episodes.
 
 What is read is what was written: the digest is checked first, and then every value of every row.
 Other programs write logs without a digest, which are read only if one asks for that.
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-LOG_VERSION = 1
+LOG_VERSION = 2  # of a log with values; one without has the first
 MAXIMUM_ROWS = 500_000
 _KEY, _DIGEST_KEY, _DIGITS = b"sfol", b"sfol_digest", 64
 # A key of the metadata, and of its value that it is a text and how long; source: Thrift's compact
@@ -48,6 +50,7 @@ _KEY, _DIGEST_KEY, _DIGITS = b"sfol", b"sfol_digest", 64
 _PARQUET = b"PAR1"
 _MARK = _DIGEST_KEY + bytes([0x18, _DIGITS])
 _COLUMNS = ("episode", "step", "time", "facts", "signals", "ending")
+_VALUES = "values"  # from version 2 on
 # For each row that may be read, on average; with 500,000 rows some GB of memory.
 _MOST_VALUES, _MOST_BYTES = 20, 2_000
 
@@ -136,6 +139,7 @@ class LogWriter:
     def __init__(self, path: str | Path, kb: KnowledgeBase) -> None:
         self._arrow = _pyarrow()
         self._schema = _schema(kb)
+        self._kb = kb
         self._path = Path(path)
         self._rows: list[dict[str, Any]] = []
         self._episode = 0
@@ -155,9 +159,11 @@ class LogWriter:
 
         Raises:
             SignalError: the time or a signal is not a number, or NaN.
-            UsageError: the log is closed.
+            UsageError: the log is closed, or the facts have values and the knowledge base has no
+                attributes.
         """
         self._check_open()
+        self._check_values(facts)
         self._rows.append(
             {
                 "episode": self._episode,
@@ -168,6 +174,11 @@ class LogWriter:
                     for atom, bound in facts.items()
                 ],
                 "signals": [(name, _number(name, value)) for name, value in signals.items()],
+                _VALUES: [
+                    {"atom": str(Atom(attribute, constants)), "value": value}
+                    for attribute, known in facts.values().items()
+                    for constants, value in known.items()
+                ],
             }
         )
 
@@ -213,6 +224,14 @@ class LogWriter:
             self.close()
         else:
             self._open.__exit__(kind, error, traceback)
+
+    def _check_values(self, facts: Facts) -> None:
+        if not self._kb.attributes and (attribute := next(iter(facts.values()), None)) is not None:
+            raise UsageError(
+                f"the facts have a value of '{attribute}', and '{self._kb.name}' has no attributes",
+                name=attribute,
+                suggestion="declare it under attributes, or leave the value out",
+            )
 
     def _check_open(self) -> None:
         if not self._file.is_open:
@@ -260,11 +279,13 @@ def _pyarrow() -> Any:
 def _schema(kb: KnowledgeBase) -> pa.Schema:
     import pyarrow as pa  # noqa: PLC0415
 
-    about = {"version": LOG_VERSION, "sfol": version("sfol"), "name": kb.name, "hash": kb.hash}
-    return pa.schema(_kinds(), metadata={_KEY: json.dumps(about)})
+    number = LOG_VERSION if kb.attributes else 1
+    about = {"version": number, "sfol": version("sfol"), "name": kb.name, "hash": kb.hash}
+    return pa.schema(_kinds(number), metadata={_KEY: json.dumps(about)})
 
 
-def _kinds() -> dict[str, pa.DataType]:
+def _kinds(number: int) -> dict[str, pa.DataType]:
+    """Return the columns of a version of the format."""
     import pyarrow as pa  # noqa: PLC0415
 
     text = pa.dictionary(pa.int32(), pa.string())
@@ -277,7 +298,9 @@ def _kinds() -> dict[str, pa.DataType]:
         pa.map_(pa.string(), pa.float64()),
         text,
     )
-    return dict(zip(_COLUMNS, kinds, strict=True))
+    columns = dict(zip(_COLUMNS, kinds, strict=True))
+    value = pa.struct([("atom", text), ("value", pa.float64())])
+    return columns if number == 1 else {**columns, _VALUES: pa.list_(value)}
 
 
 @contextmanager
@@ -357,9 +380,12 @@ def _unreadable(arrow: Any) -> tuple[type[Exception], ...]:
 
 def _log(file: pq.ParquetFile, maximum_rows: int) -> Log:
     about = _about(file.metadata.metadata or {})
-    _check_columns(file.schema_arrow)
+    kinds = _kinds(about.version)
+    _check_columns(file.schema_arrow, kinds)
     _check_sizes(file.metadata, maximum_rows)
-    return Log(about.name, about.hash, about.sfol, tuple(_episodes(_checked(_rows(file)))))
+    return Log(
+        about.name, about.hash, about.sfol, tuple(_episodes(_checked(_rows(file, [*kinds]))))
+    )
 
 
 def _about(metadata: Mapping[bytes, bytes]) -> _About:
@@ -380,8 +406,8 @@ def _about(metadata: Mapping[bytes, bytes]) -> _About:
     return about
 
 
-def _check_columns(schema: pa.Schema) -> None:
-    for name, kind in _kinds().items():
+def _check_columns(schema: pa.Schema, kinds: Mapping[str, pa.DataType]) -> None:
+    for name, kind in kinds.items():
         found = [schema.field(index).type for index in schema.get_all_field_indices(name)]
         if found != [kind]:
             wrong = (
@@ -412,12 +438,12 @@ def _check_size(what: str, count: int, limit: int) -> None:
         )
 
 
-def _rows(file: pq.ParquetFile) -> Iterator[_Row]:
+def _rows(file: pq.ParquetFile, columns: list[str]) -> Iterator[_Row]:
     """Yield the rows, of which those of one episode are in memory at a time."""
     arrow, done = _pyarrow(), 0
     for group in range(file.num_row_groups):
         try:
-            table = file.read_row_group(group, columns=list(_COLUMNS))
+            table = file.read_row_group(group, columns=columns)
             table.validate(full=True)
             rows = table.to_pylist()
         except _unreadable(arrow):
@@ -437,7 +463,7 @@ def _checked(rows: Iterable[_Row]) -> Iterator[_Row]:
 
 def _problem(row: _Row, before: _Row | None) -> str | None:
     """Return what is wrong with a row, its facts apart."""
-    missing = [name for name in _COLUMNS if row[name] is None and name != "ending"]
+    missing = [name for name, content in row.items() if content is None and name != "ending"]
     if missing:
         return f"it has no {missing[0]}"
     if math.isnan(row["time"]):
@@ -448,8 +474,9 @@ def _problem(row: _Row, before: _Row | None) -> str | None:
     for name, value in signals.items():
         if value is None or math.isnan(value):
             return f"its signal '{name}' is {value}"
-    if any(fact is None or None in fact.values() for fact in row["facts"]):
-        return "a fact has no atom or no bound"
+    for what, entries in (("atom or no bound", row["facts"]), ("value", row.get(_VALUES, ()))):
+        if any(entry is None or None in entry.values() for entry in entries):
+            return f"a fact has no {what}"
     return _disorder(row, before)
 
 
@@ -476,17 +503,20 @@ def _episodes(rows: Iterable[_Row]) -> Iterator[LoggedEpisode]:
 
 def _step(number: int, row: _Row) -> LoggedStep:
     try:
-        facts = _facts(row["facts"])
+        facts = _facts(row["facts"], row.get(_VALUES, ()))
     except SfolError as error:
         raise _damaged(number, error.message) from None
     return LoggedStep(row["time"], facts, dict(row["signals"]))
 
 
-def _facts(entries: Iterable[_Row]) -> Facts:
+def _facts(entries: Iterable[_Row], values: Iterable[_Row]) -> Facts:
     facts = Facts()
     for entry in entries:
         atom = _atom(entry["atom"])
         facts.add(atom.predicate, *atom.arguments, bound=(entry["lower"], entry["upper"]))
+    for entry in values:
+        atom = _atom(entry["atom"])
+        facts.add(atom.predicate, *atom.arguments, value=entry["value"])
     return facts
 
 

@@ -2,7 +2,7 @@
 
 The grammar, with `?` optional and `*` repeated::
 
-    fact      =  atom (":" bound | ":" number)? "."
+    fact      =  atom (":" bound | ":" number | "=" number)? "."
     atom      =  name ("(" term ("," term)* ")")?
     bound     =  "[" number "," number "]"
     term      =  name | integer | quoted text
@@ -15,10 +15,11 @@ ends with the line. Rules are read by `sfol.clauses`.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 from sfol.errors import ClauseError, expect, torn_apart
 
@@ -29,6 +30,9 @@ OPERATORS = (
     ":-",
     "!=",
     ">=",
+    "<=",
+    "<",
+    ">",
 )  # marks that stand between blanks; longer ones before their beginnings
 
 _TOKEN = re.compile(
@@ -62,7 +66,8 @@ _INSTEAD = {
     "<": "a rule is written head(X) :- body(X).",
     "←": "a rule is written head(X) :- body(X).",
     "-": "a rule is written head(X) :- body(X).",
-    "=": "X != Y and P(X) >= 0.5 are the only comparisons",
+    "=": "bodies compare as X != Y, P(X) >= 0.5, and values of attributes as Speed(X) < 10 or "
+    "near(Speed(X), 10)",
     ">=": "a bound is asked of a positive literal: P(X) >= 0.5",
     ">": "a bound is asked of a positive literal: P(X) >= 0.5",
 }
@@ -78,27 +83,39 @@ class Atom(NamedTuple):
 
     def __str__(self) -> str:
         shown = [ANONYMOUS if term[0] == ANONYMOUS else term for term in self.arguments]
-        if isinstance(self.predicate, Timed):
+        if isinstance(self.predicate, Derived):
             return self.predicate.applied(shown)
         return f"{self.predicate}({', '.join(shown)})" if shown else self.predicate
 
     @property
     def plain(self) -> tuple[Atom, ...]:
-        """The atoms that it speaks of: itself, or those below an operator over time."""
-        if not isinstance(self.predicate, Timed):
+        """The atoms that it speaks of: itself, or those below an operator over time.
+
+        A comparison speaks of a value, and of no atom.
+        """
+        if not isinstance(self.predicate, Derived):
             return (self,)
-        below = self.predicate.atoms(self.arguments)
-        return tuple(atom for operand in below for atom in operand.plain)
+        return tuple(atom for operand in self._below for atom in operand.plain)
+
+    @property
+    def comparisons(self) -> tuple[Atom, ...]:
+        """The comparisons that it speaks of: itself, or those below an operator over time."""
+        if isinstance(self.predicate, Compared):
+            return (self,)
+        return tuple(atom for operand in self._below for atom in operand.comparisons)
+
+    @property
+    def _below(self) -> tuple[Atom, ...]:
+        return self.predicate.atoms(self.arguments) if isinstance(self.predicate, Timed) else ()
 
     @property
     def present(self) -> tuple[Atom, ...]:
         """Those of them whose bounds at the same step it depends on."""
-        if not isinstance(self.predicate, Timed):
+        if not isinstance(self.predicate, Derived):
             return (self,)
-        if self.predicate.operator.strict:
+        if not isinstance(self.predicate, Timed) or self.predicate.operator.strict:
             return ()
-        below = self.predicate.atoms(self.arguments)
-        return tuple(atom for operand in below for atom in operand.present)
+        return tuple(atom for operand in self._below for atom in operand.present)
 
     @property
     def is_pattern(self) -> bool:
@@ -143,7 +160,15 @@ class Atom(NamedTuple):
         return extended
 
 
-class OverTime(Protocol):
+class Operation(Protocol):
+    """What makes atoms of others, told to those who only read and print it."""
+
+    def text(self, operands: Sequence[object]) -> str:
+        """Return the operation as it is written, applied to operands."""
+        ...
+
+
+class OverTime(Operation, Protocol):
     """What an operator over time tells those who only read and print it."""
 
     @property
@@ -161,10 +186,6 @@ class OverTime(Protocol):
         """How far it looks back, in the unit of `time`; None if it has no window."""
         ...
 
-    def text(self, operands: Sequence[object]) -> str:
-        """Return the operator as it is written, applied to operands."""
-        ...
-
     def advance(self, before: Any, moment: Any) -> tuple[Any, Any]:
         """Take one step; `sfol.temporal` says how."""
         ...
@@ -174,27 +195,27 @@ class OverTime(Protocol):
         ...
 
 
-class Timed(str):
-    """The predicate of what an operator over time says, such as ``once[1.5](Near({0}, ego))``.
+class Derived(str):
+    """The predicate of what an operation says of atoms, such as ``once[1.5](Near({0}, ego))``.
 
     The name is the text, with a number in braces for each argument, so that no predicate that a
     file can declare is called like it.
 
     Args:
-        operator: the operator.
+        operator: the operation.
         operands: the atoms that it speaks of, with such numbers for variables.
     """
 
-    operator: OverTime
+    operator: Operation
     operands: tuple[Atom, ...]
 
-    def __new__(cls, operator: OverTime, operands: tuple[Atom, ...]) -> Timed:
+    def __new__(cls, operator: Operation, operands: tuple[Atom, ...]) -> Self:
         """Make the name of the text."""
         made = super().__new__(cls, operator.text(operands))
         made.operator, made.operands = operator, operands
         return made
 
-    def __getnewargs__(self) -> tuple[OverTime, tuple[Atom, ...]]:  # type: ignore[override]
+    def __getnewargs__(self) -> tuple[Operation, tuple[Atom, ...]]:  # type: ignore[override]
         return self.operator, self.operands
 
     @property
@@ -212,17 +233,59 @@ class Timed(str):
         return self.operator.text(self.atoms(arguments))
 
 
+class Timed(Derived):
+    """The predicate of what an operator over time says."""
+
+    operator: OverTime
+
+
+class Comparing(Operation, Protocol):
+    """What a comparison of a value tells those who only use it."""
+
+    @property
+    def name(self) -> str:
+        """A sign, or what a soft comparison is called."""
+        ...
+
+    def truth(self, value: float) -> float:
+        """Return how true it is of a value, from 0 to 1."""
+        ...
+
+    def truths(self, values: Any) -> Any:
+        """Return how true it is of each of an array of values."""
+        ...
+
+
+class Compared(Derived):
+    """The predicate of a comparison of an attribute's value, such as ``Distance({0}, {1}) < 10``.
+
+    Its only operand is the attribute's atom, with a number for each of its arguments.
+    """
+
+    operator: Comparing
+
+    @property
+    def attribute(self) -> str:
+        """The attribute that has the value."""
+        return self.operands[0].predicate
+
+    def of(self, arguments: Sequence[str]) -> Atom:
+        """Return the attribute with arguments: what has the value."""
+        return Atom(self.attribute, tuple(arguments))
+
+
 def placeholder(number: int) -> str:
     """Return what stands for an argument in the operands of `Timed`."""
     return f"{{{number}}}"
 
 
 class FactText(NamedTuple):
-    """A ground atom as written: with a bound, a confidence, or neither."""
+    """A ground atom as written: with a bound, a confidence or a value, or none of them."""
 
     atom: Atom
     bound: tuple[float, float] | None
     confidence: float | None
+    value: float | None
 
 
 def is_variable(term: str) -> bool:
@@ -364,15 +427,17 @@ class Reader:
 
     Args:
         text: to be read.
+        attributes: what has values, so that `>=` compares these.
 
     Attributes:
+        attributes: as given.
         names: every name that was read, with its offset in the text.
 
     Raises:
         ClauseError: with the offset of what is wrong; so does every method that reads.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, attributes: Container[str] = ()) -> None:
         expect(text, str, "a clause", "give a text, such as Vehicle(ego).")
         if len(text) > MAXIMUM_TEXT:
             raise ClauseError(
@@ -382,6 +447,7 @@ class Reader:
         self._text = text
         self._tokens = list(_tokenise(text))
         self._position = 0
+        self.attributes = attributes
         self.names: list[tuple[str, int]] = []
 
     @property
@@ -397,6 +463,14 @@ class Reader:
         """Tell whether a text is the next token, or the one so many tokens ahead."""
         return self._peek(ahead).text == text
 
+    def sees_any(self, texts: Container[str], ahead: int = 0) -> bool:
+        """Tell whether one of some texts is the next token, or the one so many tokens ahead."""
+        return self._peek(ahead).text in texts
+
+    def sees_number(self) -> bool:
+        """Tell whether a number is the next token."""
+        return self._peek().kind == "number"
+
     def accept(self, text: str) -> bool:
         """Read a token if it is the next one, and tell whether it was."""
         if not self.sees(text):
@@ -407,12 +481,12 @@ class Reader:
     def expect(self, text: str, suggestion: str | None = None) -> None:
         """Read a token that must be the next one."""
         if not self.accept(text):
-            raise self._unexpected(f"'{text}'", suggestion)
+            raise self.unexpected(f"'{text}'", suggestion)
 
     def end(self) -> None:
         """Make sure that all was read."""
         if not self.at_end():
-            raise self._unexpected("the end")
+            raise self.unexpected("the end")
 
     def atom(self) -> Atom:
         """Read an atom without anonymous variables."""
@@ -457,7 +531,7 @@ class Reader:
 
     def _of_no_arity(self, predicate: str, count: int) -> ClauseError:
         if not count:
-            return self._unexpected("an argument", f"without any it is written '{predicate}'")
+            return self.unexpected("an argument", f"without any it is written '{predicate}'")
         return ClauseError(
             f"'{predicate}' has more than {MAXIMUM_ARITY} arguments",
             name=predicate,
@@ -504,8 +578,10 @@ class Reader:
     def fact(self) -> FactText:
         """Read a fact with its full stop."""
         atom = self.ground_atom()
-        bound = confidence = None
-        if self.accept(":"):
+        bound = confidence = value = None
+        if self.accept("="):
+            value = self.finite()
+        elif self.accept(":"):
             if self.accept("["):
                 lower = self.number()
                 self.expect(",", "a bound is written [lower, upper]")
@@ -514,13 +590,13 @@ class Reader:
             else:
                 confidence = self.number()
         self.expect(".", "a fact ends with a full stop")
-        return FactText(atom, bound, confidence)
+        return FactText(atom, bound, confidence, value)
 
     def name(self, what: str) -> str:
         """Read a predicate or a variable; `what` names it in an error."""
         token = self._tokens[self._position]
         if token.kind != "name":
-            raise self._unexpected(what)
+            raise self.unexpected(what)
         if token.text == ANONYMOUS:
             raise ClauseError(
                 f"'{ANONYMOUS}' is {what} only of the literals P(X, _) and not P(X, _) of a body",
@@ -568,9 +644,22 @@ class Reader:
         """Read a number."""
         token = self._peek()
         if token.kind != "number":
-            raise self._unexpected("a number")
+            raise self.unexpected("a number")
         self._position += 1
         return float(token.text)
+
+    def finite(self) -> float:
+        """Read a number that is finite."""
+        token = self._peek()
+        value = self.number()
+        if not math.isfinite(value):
+            raise ClauseError(
+                f"the number {token.text} is too great",
+                name=token.text,
+                suggestion="values are finite",
+                offset=token.offset,
+            )
+        return value
 
     def share(self) -> float:
         """Read a number from 0 to 1."""
@@ -580,7 +669,7 @@ class Reader:
             raise ClauseError(
                 f"a bound can't be {token.text}",
                 name=token.text,
-                suggestion="bounds are numbers from 0 to 1",
+                suggestion="bounds are numbers from 0 to 1; what has others is an attribute",
                 offset=token.offset,
             )
         return value
@@ -588,7 +677,8 @@ class Reader:
     def _peek(self, ahead: int = 0) -> _Token:
         return self._tokens[min(self._position + ahead, len(self._tokens) - 1)]
 
-    def _unexpected(self, expected: str, suggestion: str | None = None) -> ClauseError:
+    def unexpected(self, expected: str, suggestion: str | None = None) -> ClauseError:
+        """Return the error that something else is expected where the next token stands."""
         suggestion = torn_apart(self._text) or suggestion
         token = self._peek()
         suggestion = _INSTEAD.get(token.text.lower(), suggestion)

@@ -17,9 +17,11 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from sfol.comparisons import read_compared
 from sfol.errors import ClauseError, did_you_mean
 from sfol.facts import TRUE, Bound
 from sfol.operators import TOLERANCE, least, negation
+from sfol.soft_comparisons import SOFT_COMPARISONS
 from sfol.syntax import (
     ANONYMOUS,
     OVER_TIME,
@@ -382,7 +384,7 @@ assert tuple(OPERATORS) == OVER_TIME
 
 
 def read_pattern(reader: Reader, depth: int = 0) -> Atom:
-    """Read an atom of a body, or what an operator over time says of some.
+    """Read an atom of a body, a comparison of a value, or what an operator says of some of them.
 
     Raises:
         ClauseError: with the offset of what is wrong.
@@ -393,7 +395,7 @@ def read_pattern(reader: Reader, depth: int = 0) -> Atom:
         if depth:
             _check_is_not_negated(reader)
         _check_is_predicate(reader)
-        return reader.pattern()
+        return read_compared(reader)
     if depth == MAXIMUM_DEPTH:
         raise ClauseError(
             f"operators over time stand in each other more than {MAXIMUM_DEPTH} deep",
@@ -417,15 +419,17 @@ def _check_is_not_negated(reader: Reader) -> None:
 
 def _check_is_predicate(reader: Reader) -> None:
     """Make sure that what comes next is no misspelt operator."""
+    if reader.sees_any(SOFT_COMPARISONS):
+        return
     speaks_of_atom = reader.sees("(", ahead=1) and reader.sees("(", ahead=3)
     if not speaks_of_atom and not reader.sees("[", ahead=1):
         return
     offset = reader.offset
     name = reader.name("a predicate")
     raise ClauseError(
-        f"there is no operator over time '{name}'",
+        f"there is no operator over time '{name}', nor a comparison",
         name=name,
-        suggestion=did_you_mean(name, OPERATORS),
+        suggestion=did_you_mean(name, (*OPERATORS, *SOFT_COMPARISONS)),
         offset=offset,
     )
 

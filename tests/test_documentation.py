@@ -95,6 +95,7 @@ def test_a_mistake_is_answered_as_the_page_says(tmp_path, rule, answer):
         "version": 1,
         "name": "mistake",
         "predicates": dict.fromkeys(["P(X)", "Q(X)", "R(X, Y)", "h(X)"], ""),
+        "attributes": {"S(X)": ""},
         "rules": {"rule": rule},
     }
     (tmp_path / "mistake.yaml").write_text(yaml.safe_dump(content))

@@ -29,6 +29,7 @@ GROUND = {
         "soft_comparisons",
         "quantifiers",
         "formula",
+        "comparisons",
         "operators",
         "temporal",
         "literals",

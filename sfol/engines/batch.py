@@ -177,7 +177,6 @@ class _Encoder:
     """Collects rows scene by scene."""
 
     def __init__(self, program: Program) -> None:
-        self._background = program.knowledge_base.background
         self._program = program
         self._size = 0
         self._atoms: list[tuple[int, Atom]] = []
@@ -186,8 +185,7 @@ class _Encoder:
         self._heads = [_HeadRows(program, head) for head in program.heads]
 
     def add(self, facts: Facts) -> None:
-        self._program.check(facts)
-        tables = Tables.of(facts, self._background)
+        tables = self._program.tables(facts)
         rows: dict[tuple[str, Constants], int] = {}
         for atom, bound in tables.items():
             rows[atom] = self._new_row(atom, bound, known=True)

@@ -42,7 +42,6 @@ class CompiledEngine:
 
     def __init__(self, kb: KnowledgeBase, work_limit: int = WORK_LIMIT) -> None:
         self.program = Program.of(kb, work_limit)
-        self._background = kb.background
         self._disjunction = DISJUNCTIONS[kb.semantics.disjunction]
         rules = [rule for rules in self.program.rules.values() for rule, _ in rules]
         plain, gathers = self.program.conjunctions, self.program.gathers
@@ -78,8 +77,7 @@ class CompiledEngine:
                 does not know.
             WorkLimitError: a rule has too many substitutions.
         """
-        self.program.check(facts)
-        tables = Tables.of(facts, self._background)
+        tables = self.program.tables(facts)
         asserted = self.program.asserted(tables) if self._recursions else ()
         derived: dict[Atom, Bound] = {}
         for conclude in self._strata:

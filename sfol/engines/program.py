@@ -6,7 +6,7 @@ body.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from sfol.knowledge_base.recursion import Component, components
 from sfol.literals import Criterion
 from sfol.literals.search import WORK_LIMIT
 from sfol.operators import CONJUNCTIONS, GATHERINGS, Gathering, Operator
-from sfol.syntax import Atom, variables
+from sfol.syntax import Atom, Compared, variables
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Program:
             the subject.
         read_heads: heads that some body or condition reads, for whichever entity.
         arities: predicate → its number of arguments.
+        comparisons: what bodies ask of values.
         gathers: rule → what makes one of its substitutions for one head; None where their atoms are
             pooled.
         conjunctions: rule → what combines its literals.
@@ -52,6 +53,7 @@ class Program:
     subject_heads: Mapping[str, Atom]
     read_heads: frozenset[str]
     arities: Mapping[str, int]
+    comparisons: tuple[Compared, ...]
     gathers: Mapping[str, Gathering | None]
     conjunctions: Mapping[str, Operator]
     work_limit: int
@@ -85,8 +87,9 @@ class Program:
             read_heads=kb.read.intersection(heads).union(further),
             arities={
                 **{name: predicate.arity for name, predicate in kb.predicates.items()},
-                **{name: name.arity for name in kb.timed},
+                **{name: name.arity for name in (*kb.timed, *kb.comparisons)},
             },
+            comparisons=kb.comparisons,
             gathers=_gathers(kb, auxiliary),
             conjunctions=_conjunctions(kb, auxiliary),
             work_limit=work_limit,
@@ -102,16 +105,28 @@ class Program:
         """The heads that depend on themselves → their strata."""
         return {head: s for s in self.strata if s.recursive for head in s.predicates}
 
+    def tables(self, facts: Facts) -> Tables:
+        """Return the known atoms of a scene: facts, what is said of values, and the background.
+
+        Raises:
+            FactError: see `check`; or a fact gives an atom of the background another bound.
+        """
+        self.check(facts)
+        return Tables.of(facts, self.knowledge_base.background, self.comparisons)
+
     def check(self, facts: Facts) -> None:
         """Make sure that facts fit the knowledge base.
 
         Raises:
-            FactError: a predicate or a number of constants is not that of the knowledge base.
+            FactError: a predicate, an attribute or a number of constants is not that of the
+                knowledge base.
         """
         for predicate, relation in facts.relations().items():
             given = len(next(iter(relation)))
             if self.arities.get(predicate) != given:
-                raise _unfit(predicate, given, self.arities)
+                raise _unfit(predicate, given, self.arities, self.knowledge_base.attributes)
+        for attribute, values in facts.values().items():
+            _check_values(attribute, len(next(iter(values))), self.knowledge_base)
 
     def asserted(self, tables: Tables) -> tuple[tuple[Atom, Bound], ...]:
         """Return what is known of heads that depend on themselves, before any conclusion."""
@@ -188,7 +203,34 @@ def rule_plan(
     return Plan.of(rule.clause.body, holds, given, owner=owner, limit=limit)
 
 
-def _unfit(predicate: str, given: int, arities: Mapping[str, int]) -> FactError:
+def _check_values(name: str, given: int, kb: KnowledgeBase) -> None:
+    if name in kb.predicates:
+        raise FactError(
+            f"facts give the predicate '{name}' a value",
+            name=name,
+            suggestion="give it a bound; numbers are declared under attributes",
+        )
+    if name not in kb.attributes:
+        raise FactError(
+            f"facts name the unknown attribute '{name}'",
+            name=name,
+            suggestion=did_you_mean(name, kb.attributes),
+        )
+    if kb.attributes[name].arity != given:
+        raise FactError(
+            f"facts give '{name}' {given} constants; it has {kb.attributes[name].arity}", name=name
+        )
+
+
+def _unfit(
+    predicate: str, given: int, arities: Mapping[str, int], attributes: Container[str]
+) -> FactError:
+    if predicate in attributes:
+        return FactError(
+            f"facts give the attribute '{predicate}' a bound",
+            name=predicate,
+            suggestion=f"give it a value: as text {predicate}(…) = 7.5, in Python value=7.5",
+        )
     if predicate not in arities:
         return FactError(
             f"facts name the unknown predicate '{predicate}'",

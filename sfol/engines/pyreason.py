@@ -87,7 +87,6 @@ class PyReasonEngine:
         self.grounded_for_pyreason = frozenset(
             rule.name for rule in kb.rules.values() if _is_cyclic(rule)
         )
-        self._background = kb.background
         self._kb = coded_knowledge_base(kb)
         self._levels = [
             ([self._kb.rules[rule.name] for rule in level], recursive)
@@ -144,8 +143,7 @@ class PyReasonEngine:
     def _conclude(self, facts: Facts, rows: list[TraceRow], *, trace: bool = False) -> Conclusions:
         from sfol.engines import pyreason_runtime  # noqa: PLC0415
 
-        self.program.check(facts)
-        tables = Tables.of(facts, self._background)
+        tables = self.program.tables(facts)
         asserted = self.program.asserted(tables)
         known = coded_tables(tables)
         derived: dict[Atom, Bound] = {}

@@ -4,33 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from sfol.comparisons import compared_rows
 from sfol.errors import FactError
-from sfol.facts import TRUE, Bound, Facts, Relation
+from sfol.facts import TRUE, Bound, Facts, Relation, Values
 from sfol.literals.search import Constants, Row
-from sfol.syntax import Atom
+from sfol.syntax import Atom, Compared
 
 _EMPTY: Relation = {}
+_NO_VALUES: Values = {}
 
 
 class Tables:
     """The known atoms of one scene by predicate, with indices by argument made when needed."""
 
-    __slots__ = ("_indices", "_relations")
+    __slots__ = ("_indices", "_relations", "_values")
 
-    def __init__(self, relations: dict[str, dict[Constants, Bound]]) -> None:
+    def __init__(
+        self, relations: dict[str, dict[Constants, Bound]], values: Values = _NO_VALUES
+    ) -> None:
         self._relations = relations
+        self._values = values
         self._indices: dict[tuple[str, int], dict[str, list[Row]]] = {}
 
     @classmethod
-    def of(cls, facts: Facts, background: Sequence[Atom] = ()) -> Tables:
+    def of(
+        cls,
+        facts: Facts,
+        background: Sequence[Atom] = (),
+        comparisons: Sequence[Compared] = (),
+    ) -> Tables:
         """Return the tables of some facts and of the background, which always holds.
 
         The facts are copied, so that conclusions do not change when the facts do.
+
+        Args:
+            facts: ground atoms with bounds, and values.
+            background: atoms that always hold.
+            comparisons: what is asked of values; here they become atoms with bounds.
 
         Raises:
             FactError: a fact gives an atom of the background another bound.
         """
         tables = cls({name: dict(relation) for name, relation in facts.relations().items()})
+        if comparisons and (values := facts.values()):
+            tables._compare(comparisons, {name: dict(known) for name, known in values.items()})
         for atom in background:
             bound = tables._relations.setdefault(atom.predicate, {}).setdefault(
                 atom.arguments, TRUE
@@ -42,6 +59,18 @@ class Tables:
                     suggestion="leave it out: it stands in the knowledge base's background",
                 )
         return tables
+
+    def _compare(self, comparisons: Sequence[Compared], values: Values) -> None:
+        self._values = values
+        for predicate in comparisons:
+            if predicate not in self._relations and (rows := compared_rows(predicate, values)):
+                self._relations[predicate] = rows
+
+    def value(self, atom: Atom) -> float | None:
+        """Return the value that a ground comparison is of, or None if there is none."""
+        if not isinstance(atom.predicate, Compared):
+            return None
+        return self._values.get(atom.predicate.attribute, {}).get(atom.arguments)
 
     def bound(self, atom: Atom) -> Bound | None:
         """Return the bound of a ground atom, or None if it is unknown."""

@@ -28,6 +28,7 @@ from sfol.knowledge_base.format import (
 )
 from sfol.knowledge_base.model import KnowledgeBase
 from sfol.knowledge_base.parts import (
+    Attribute,
     EntityCondition,
     ObservedFact,
     Predicate,
@@ -38,6 +39,7 @@ from sfol.knowledge_base.parts import (
 
 __all__ = [
     "FORMAT_VERSION",
+    "Attribute",
     "Case",
     "CaseStep",
     "EntityCondition",

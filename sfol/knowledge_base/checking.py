@@ -9,6 +9,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
+from typing import Literal
 
 from sfol.clauses import Body, parse_conditions, parse_rule
 from sfol.errors import InvalidKnowledgeBase, closest, did_you_mean
@@ -24,7 +25,9 @@ from sfol.knowledge_base.format import (
 )
 from sfol.knowledge_base.observing import STEP, ObservationChecker
 from sfol.knowledge_base.parts import (
+    Attribute,
     EntityCondition,
+    ObservedFact,
     Parts,
     Predicate,
     RewardTerm,
@@ -36,6 +39,7 @@ from sfol.knowledge_base.schedules import checked_schedules
 from sfol.operators import CONJUNCTIONS, POOLED
 from sfol.syntax import (
     Atom,
+    Compared,
     is_constant,
     parse_ground_atom,
     parse_signature,
@@ -74,11 +78,13 @@ class _Checker:
         self._reporter = Reporter(place_of)
         self._removed_heads = removed_heads
         self._heads: set[str] = set()  # of the rules that could be read
+        self._attributes: dict[str, Attribute] = {}
 
     def parts(self, files: tuple[str, ...]) -> Parts:
         file = self._file
         self._check_subject()
         declared = self._predicates()
+        self._attributes = self._declared_attributes(declared)
         rules = self._rules()
         predicates = self._with_heads(declared, rules)
         conditions = self._entity_conditions()
@@ -109,7 +115,7 @@ class _Checker:
         schedules = checked_schedules(file, self._reporter)
         facts = observation.facts(background, self._heads - declared.keys())
         for fact in facts:
-            self._check_atom(("facts", fact.text), fact.atom, predicates, offset=0)
+            self._check_observed_fact(fact, predicates)
         observed_signals = observation.signals()
         for index, case in enumerate(file.tests):
             self._check_case(index, case, predicates)
@@ -121,6 +127,7 @@ class _Checker:
             subject=file.subject,
             background=background,
             predicates=predicates,
+            attributes=self._attributes,
             rules=rules,
             semantics=file.semantics,
             signals=file.signals,
@@ -152,17 +159,38 @@ class _Checker:
 
     def _predicates(self) -> dict[str, Predicate]:
         found: dict[str, Predicate] = {}
-        for key, description in self._file.predicates.items():
-            path = ("predicates", key)
-            signature = self._reporter.parsed(path, parse_signature, key)
-            if signature is None:
-                self._reporter.unread.update(_first_name(key))
-                continue
-            name, parameters = signature
+        for name, parameters, path, description in self._signatures("predicates"):
             if name in found:
                 self._reporter.report(path, f"the predicate '{name}' is declared twice", name)
             found[name] = Predicate(name, parameters, description)
         return found
+
+    def _declared_attributes(self, predicates: Mapping[str, Predicate]) -> dict[str, Attribute]:
+        found: dict[str, Attribute] = {}
+        for name, parameters, path, description in self._signatures("attributes"):
+            if name in found:
+                self._reporter.report(path, f"the attribute '{name}' is declared twice", name)
+            elif name in predicates:
+                self._reporter.report(
+                    path,
+                    f"'{name}' is a predicate and an attribute",
+                    name,
+                    "rename one of them: an atom is more or less true, an attribute has a value",
+                )
+            found[name] = Attribute(name, parameters, description)
+        return found
+
+    def _signatures(
+        self, section: Literal["predicates", "attributes"]
+    ) -> Iterator[tuple[str, tuple[str, ...], Path, str]]:
+        """Yield the names that a section declares, with parameters, place and description."""
+        for key, description in getattr(self._file, section).items():
+            path = (section, key)
+            signature = self._reporter.parsed(path, parse_signature, key)
+            if signature is None:
+                self._reporter.unread.update(_first_name(key))
+            else:
+                yield (*signature, path, description)
 
     def _rules(self) -> dict[str, Rule]:
         found: dict[str, Rule] = {}
@@ -180,7 +208,8 @@ class _Checker:
 
     def _rules_of(self, name: str, entry: RuleEntry) -> Iterator[Rule]:
         """Yield an entry's rule, or one for each way in which its body can hold."""
-        written = self._reporter.parsed(("rules", name, "rule"), parse_rule, entry.rule)
+        path = ("rules", name, "rule")
+        written = self._reporter.parsed(path, parse_rule, entry.rule, self._attributes)
         certainty = self._certainty(name, entry)
         if written is None:
             self._reporter.unread.update(_first_name(entry.rule))
@@ -223,7 +252,7 @@ class _Checker:
 
     def _bodies_of(self, index: int, entry: EntityWeight) -> tuple[Body, ...]:
         path = ("entity_weights", index, "when")
-        return self._reporter.parsed(path, parse_conditions, entry.when) or ()
+        return self._reporter.parsed(path, parse_conditions, entry.when, self._attributes) or ()
 
     def _background(self, predicates: Mapping[str, Predicate]) -> tuple[Atom, ...]:
         atoms = []
@@ -327,6 +356,10 @@ class _Checker:
             self._reporter.report(path, f"{whole} has guards and no literal", str(body))
         for atom in (atom for literal in body.literals for atom in literal.atoms):
             self._check_atom(path, atom, predicates, offsets.get(atom.predicate, 0))
+        for comparison in body.comparisons:
+            assert isinstance(comparison.predicate, Compared)
+            compared = comparison.predicate.of(comparison.arguments)
+            self._check_value(path, compared, predicates, offsets.get(compared.predicate, 0))
         for fault in (fault for literal in body.literals for fault in literal.faults()):
             name, message, suggestion = fault
             self._reporter.report(path, message, name, suggestion, offset=offsets.get(name, 0))
@@ -349,16 +382,62 @@ class _Checker:
         predicates: Mapping[str, Predicate],
         offset: int,
     ) -> None:
-        predicate = predicates.get(atom.predicate)
-        if predicate is None:
-            self._reporter.unknown(path, "predicate", atom.predicate, predicates, offset)
-        elif predicate.arity != len(atom.arguments):
+        name = atom.predicate
+        if name in self._attributes:
+            self._reporter.report(
+                path,
+                f"'{name}' is an attribute: it has a value, and is neither true nor false",
+                name,
+                f"a body compares it, as {atom} < 10; a fact says it, as {atom} = 10",
+                offset=offset,
+            )
+        elif name not in predicates:
+            choices = {**predicates, **self._attributes}
+            self._reporter.unknown(path, "predicate", name, choices, offset)
+        else:
+            self._check_arity(path, atom, predicates[name], offset)
+
+    def _check_value(
+        self, path: Path, atom: Atom, predicates: Mapping[str, Predicate], offset: int
+    ) -> None:
+        """Check an attribute with its arguments."""
+        name = atom.predicate
+        if name in self._attributes:
+            self._check_arity(path, atom, self._attributes[name], offset)
+        elif name in predicates:
+            self._reporter.report(
+                path,
+                f"'{name}' is a predicate, and has no value",
+                name,
+                f"a bound is asked of an atom as {atom} >= 0.5, and denied as not {atom}; "
+                "numbers are declared under attributes",
+                offset=offset,
+            )
+        else:
+            self._reporter.unknown(path, "attribute", name, self._attributes, offset)
+
+    def _check_arity(self, path: Path, atom: Atom, declared: Attribute, offset: int) -> None:
+        if declared.arity != len(atom.arguments):
             self._reporter.report(
                 path,
                 f"'{atom.predicate}' has {len(atom.arguments)} arguments here",
                 atom.predicate,
-                f"it is declared as {predicate.signature}",
+                f"it is declared as {declared.signature}",
                 offset=offset,
+            )
+
+    def _check_observed_fact(self, fact: ObservedFact, predicates: Mapping[str, Predicate]) -> None:
+        path = ("facts", fact.text)
+        if fact.atom.predicate not in self._attributes:
+            self._check_atom(path, fact.atom, predicates, offset=0)
+            return
+        self._check_value(path, fact.atom, predicates, offset=0)
+        for setting in self._file.facts[fact.text].model_fields_set & {"bounds", "at_least"}:
+            self._reporter.report(
+                (*path, setting),
+                f"'{fact.atom.predicate}' is an attribute, whose value has no '{setting}'",
+                setting,
+                "leave it out: a value is known, and no confidence",
             )
 
     def _check_heads_are_used(
@@ -379,7 +458,8 @@ class _Checker:
             head = rule.clause.head.predicate
             # Where the misspelt name is that of the reader, it is reported there.
             misread = any(closest(other, [head]) for other in unknown)
-            if head not in declared and head not in used and not misread:
+            known = head in declared or head in self._attributes
+            if not known and head not in used and not misread:
                 self._reporter.unknown(
                     ("rules", rule.entry, "rule"), "predicate", head, {*declared, *used}
                 )
@@ -513,8 +593,11 @@ class _Checker:
         texts = [case.facts] if isinstance(case.facts, str) else case.facts
         for number, text in enumerate(texts):
             where = (*path, "facts", *([] if isinstance(case.facts, str) else [number]))
-            for atom in self._reporter.parsed(where, Facts.parse, text) or ():
-                self._check_atom(where, atom, predicates, max(text.find(atom.predicate), 0))
+            facts = self._reporter.parsed(where, Facts.parse, text) or Facts()
+            for atom in facts:
+                has_value = facts.value(atom.predicate, *atom.arguments) is not None
+                check = self._check_value if has_value else self._check_atom
+                check(where, atom, predicates, max(text.find(atom.predicate), 0))
         expect = case.expect
         heads = {n for n, p in predicates.items() if p.arity <= 1 and n in self._heads}
         known = (

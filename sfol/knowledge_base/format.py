@@ -324,6 +324,7 @@ class Remove(_Section):
     """What an overlay drops from the knowledge base that it extends."""
 
     predicates: list[str] = Field(default_factory=list, description="Without their variables.")
+    attributes: list[str] = Field(default_factory=list, description="Without their variables.")
     rules: list[str] = Field(default_factory=list, description="By name, not by head.")
     observation: list[str] = Field(default_factory=list, description="By name.")
     entities: list[str] = Field(default_factory=list, description="By name.")
@@ -370,6 +371,11 @@ class KnowledgeBaseFile(_Section):
     predicates: dict[str, str] = Field(
         default_factory=dict, description="Predicate with its variables → what it says."
     )
+    attributes: dict[str, str] = Field(
+        default_factory=dict,
+        description="Attribute with its variables, such as Distance(P, X) → what number it is, and "
+        "in which unit.",
+    )
     rules: dict[str, _Rule] = Field(
         default_factory=dict, description="Rule name → Horn clause, or clause with settings."
     )
@@ -383,7 +389,7 @@ class KnowledgeBaseFile(_Section):
     facts: dict[str, _Fact] = Field(
         default_factory=dict,
         description="An atom with the sorts of its variables, such as Near(P in pedestrian, ego) → "
-        "how true it is.",
+        "how true it is; or an attribute, such as Speed(P in pedestrian) → its value.",
     )
     facts_at: Literal["state", "next"] = Field(
         "state",

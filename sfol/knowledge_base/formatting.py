@@ -33,6 +33,7 @@ class _Piece(NamedTuple):
 
 
 _EDGE = _Piece("edge", "")
+_SAYS = _Piece("says", "=")
 
 
 def format_file(text: str) -> str:
@@ -65,16 +66,26 @@ def format_clause(text: str) -> str:
 
 
 def _joined(pieces: Iterable[_Piece]) -> Iterator[_Piece]:
-    """Yield pieces, the connectives among the words told from predicates that are called so."""
-    before = _EDGE
+    """Yield pieces, connectives told from predicates that are called so, and = from itself.
+
+    Outside of parentheses it says a value, inside of them what an option is.
+    """
+    before, depth = _EDGE, 0
     for piece in pieces:
-        if piece.kind in ("blank", "break", "comment"):
+        depth += (piece.text == "(") - (piece.text == ")")
+        if piece.text == "=" and not depth:
+            yield _SAYS
+        elif piece.kind in ("blank", "break", "comment"):
             yield piece
-            continue
-        ends = before.text == ")" or before.kind == "word"
-        connects = piece.text in (OR, IMPLIES) and ends and before.text != "not"
-        before = _Piece("connective", piece.text) if connects else piece
-        yield before
+        else:
+            before = _told_apart(piece, before)
+            yield before
+
+
+def _told_apart(piece: _Piece, before: _Piece) -> _Piece:
+    ends = before.text == ")" or before.kind == "word"
+    connects = piece.text in (OR, IMPLIES) and ends and before.text != "not"
+    return _Piece("connective", piece.text) if connects else piece
 
 
 def _gap(left: _Piece, right: _Piece, blank: str) -> str:
@@ -87,7 +98,7 @@ def _gap(left: _Piece, right: _Piece, blank: str) -> str:
         return " "
     if left.text in ("(", "[") or right.text in ("(", ")", "]", ",", ".", ":"):
         return ""
-    if "connective" in (left.kind, right.kind):
+    if {left.kind, right.kind} & {"connective", "says"}:
         return " "
     words = left.kind == right.kind == "word"
     spaced = left.text in (",", ":", ".", *OPERATORS) or right.text in OPERATORS
@@ -138,7 +149,7 @@ def _edits(entry: Entry, source: str) -> Iterator[Edit]:
 def clause_of(entry: Entry) -> yaml.Node | None:
     """Return the node of a value that is a clause, or of a key that is a signature."""
     match entry.path:
-        case ("predicates" | "facts", str()):
+        case ("predicates" | "attributes" | "facts", str()):
             return entry.key
         case (
             ("rules", str())

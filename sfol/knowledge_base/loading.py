@@ -242,7 +242,7 @@ def _place_of(places: Places, path: Keys, offset: int = 0) -> Place | None:
     if spot is None:
         return None
     # A predicate, or a fact as long as its formula is not meant, is what the key says.
-    by_key = path[0] == "predicates" or (path[0] == "facts" and len(path) == 2)
+    by_key = path[0] in ("predicates", "attributes") or (path[0] == "facts" and len(path) == 2)
     return spot.of_value(offset) if spot.is_text and not by_key else spot.of_key()
 
 
@@ -338,6 +338,7 @@ def _fact_name(signature: str) -> str:
 # Sections whose keys have variables → what of a key is its name.
 _NAME_OF: Mapping[str, Callable[[str], str]] = {
     "predicates": _predicate_name,
+    "attributes": _predicate_name,
     "facts": _fact_name,
 }
 

@@ -18,7 +18,7 @@ from sfol.knowledge_base.format import KnowledgeBaseFile, Smoothing
 from sfol.knowledge_base.loading import load
 from sfol.knowledge_base.parts import Parts, Predicate, Rule, ScheduledNumber
 from sfol.operators import POOLED
-from sfol.syntax import Timed
+from sfol.syntax import Compared, Timed
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -33,6 +33,7 @@ class KnowledgeBase(Parts):
         subject: the entity whose heads make the reward.
         background: ground atoms that always hold with [1, 1].
         predicates: by name; heads that only rules introduce are among them.
+        attributes: by name.
         rules: by name, in the order of the file; in place of one with ``or`` or ``implies`` its
             parts, called ``safe2.1``, ``safe2.2`` and so on.
         semantics: the operators.
@@ -127,6 +128,14 @@ class KnowledgeBase(Parts):
         return tuple(dict.fromkeys(name for body in bodies for name in body.timed))
 
     @property
+    def comparisons(self) -> tuple[Compared, ...]:
+        """What bodies say of values, each once."""
+        bodies = [rule.clause.body for rule in self.rules.values()]
+        bodies += [condition.when for condition in self.entity_weights]
+        found = (atom.predicate for body in bodies for atom in body.comparisons)
+        return tuple(dict.fromkeys(name for name in found if isinstance(name, Compared)))
+
+    @property
     def smoothed(self) -> dict[str, Smoothing]:
         """The weights that follow their heads from step to step, by name."""
         return {name: w.smoothing for name, w in self.weights.items() if w.smoothing is not None}
@@ -153,6 +162,7 @@ class KnowledgeBase(Parts):
                 self.semantics.gathers == POOLED,
             ],
             "signals": {name: signal.default for name, signal in self.signals.items()},
+            **self._compared_meaning(),
             "weights": {
                 name: [
                     weight.normalizer,
@@ -183,6 +193,11 @@ class KnowledgeBase(Parts):
             "observed": {name: f.text for name, f in self.observed_signals.items()},
         }
         return {name: content for name, content in meaning.items() if content}
+
+    def _compared_meaning(self) -> dict[str, Any]:
+        """Return the attributes that bodies read, for the digest: `>=` alone does not tell."""
+        read = sorted({name.attribute for name in self.comparisons})
+        return {"attributes": read} if read else {}
 
     def _scheduled_meaning(self) -> dict[str, Any]:
         """Return how numbers change, for the digest; one without schedules has none."""

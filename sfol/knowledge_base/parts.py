@@ -24,21 +24,18 @@ from sfol.syntax import Atom
 
 
 @dataclass(frozen=True)
-class Predicate:
-    """A predicate of a knowledge base.
+class Attribute:
+    """A number that entities have, such as ``Distance(P, X)``.
 
     Attributes:
-        name: such as ``CenterOf``.
-        parameters: four variables at most, such as ``("X", "Y")``.
-        description: what an atom of it says.
-        declared: whether the file declares it; otherwise it is written like the head of its first
-            rule and described like that rule.
+        name: such as ``Distance``.
+        parameters: four variables at most, such as ``("P", "X")``.
+        description: what number it is.
     """
 
     name: str
     parameters: tuple[str, ...]
     description: str = ""
-    declared: bool = True
 
     @property
     def arity(self) -> int:
@@ -47,8 +44,20 @@ class Predicate:
 
     @property
     def signature(self) -> str:
-        """The predicate with its parameters, as a file declares it."""
+        """The name with its parameters, as a file declares it."""
         return str(Atom(self.name, self.parameters))
+
+
+@dataclass(frozen=True)
+class Predicate(Attribute):
+    """What is more or less true of entities, such as ``CenterOf(X, Y)``; its parts are alike.
+
+    Attributes:
+        declared: whether the file declares it; otherwise it is written like the head of its first
+            rule and described like that rule.
+    """
+
+    declared: bool = True
 
 
 @dataclass(frozen=True)
@@ -190,6 +199,7 @@ class Parts:
     subject: str
     background: tuple[Atom, ...]
     predicates: Mapping[str, Predicate]
+    attributes: Mapping[str, Attribute]
     rules: Mapping[str, Rule]
     semantics: Semantics
     signals: Mapping[str, Signal]

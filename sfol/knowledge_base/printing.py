@@ -41,6 +41,7 @@ def _file(kb: KnowledgeBase) -> dict[str, Any]:
         "subject": kb.subject,
         "background": [str(atom) for atom in kb.background],
         "predicates": {p.signature: p.description for p in _declared(kb)},
+        "attributes": {a.signature: a.description for a in kb.attributes.values()},
         "rules": dict(_rules(kb)),
         "semantics": kb.semantics.model_dump(exclude_none=True),
         "observation": {name: _said(source) for name, source in kb.observation.items()},

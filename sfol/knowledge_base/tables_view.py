@@ -30,6 +30,7 @@ def summary_table(kb: KnowledgeBase) -> Group:
                 for name, parts in kb.written_rules.items()
             ),
         ),
+        *_attributes(kb),
         _table(
             "Weights",
             ("weight", "w ="),
@@ -64,6 +65,12 @@ def summary_table(kb: KnowledgeBase) -> Group:
         *_scheduled(kb),
         *_observed(kb),
     )
+
+
+def _attributes(kb: KnowledgeBase) -> Iterator[Table]:
+    if kb.attributes:
+        rows = ((a.signature, a.description) for a in kb.attributes.values())
+        yield _table("Attributes", ("attribute", "value"), rows)
 
 
 def _smoothed(kb: KnowledgeBase) -> Iterator[Table]:

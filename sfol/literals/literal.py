@@ -10,7 +10,7 @@ from sfol.arrays import Array, Backend
 from sfol.errors import KnowledgeBaseError
 from sfol.facts import Bound
 from sfol.literals.search import Constants, Rows, Scene, Step
-from sfol.syntax import Atom, Reader, Timed
+from sfol.syntax import Atom, Derived, Reader
 
 
 class Thresholds(Protocol):
@@ -75,8 +75,8 @@ class QueryClause(NamedTuple):
 
 
 def queried(predicate: str) -> str:
-    """Return what PyReason calls a predicate: it could not read what an operator over time says."""
-    return f"timed.{predicate.encode().hex()}" if isinstance(predicate, Timed) else predicate
+    """Return what PyReason calls a predicate: it could not read what an operation says of atoms."""
+    return f"said.{predicate.encode().hex()}" if isinstance(predicate, Derived) else predicate
 
 
 # The bound of a literal, given that of its known atom; None if the literal does not hold.

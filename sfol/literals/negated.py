@@ -134,7 +134,8 @@ class Negated(AtomLiteral):
         return step
 
     def refutation(self, scene: Scene, thresholds: Thresholds) -> str:
-        return f"{self} (it is {self.known(scene)})"
+        value = scene.value(self.atom)
+        return f"{self} (it is {self.known(scene) if value is None else f'{value:.6g}'})"
 
     def batch_bounds(self, atoms: BatchBounds, rows: Array) -> tuple[Array, Array]:
         where, known = atoms.backend.where, atoms.known(rows)

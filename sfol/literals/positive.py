@@ -79,8 +79,9 @@ class Positive(AtomLiteral):
         bound = scene.bound(self.atom)
         if bound is None:
             return str(self)
+        value = scene.value(self.atom)
         if bound.upper == 0.0:
-            return f"{self} (known to be false)"
+            return f"{self} ({'known to be false' if value is None else f'it is {value:.6g}'})"
         threshold = self.threshold(thresholds)
         if bound.lower < least(threshold):
             return f"{self} (its {bound} is below the threshold {threshold:.4g})"

@@ -22,6 +22,10 @@ class Scene(Protocol):
         """Return the bound of a ground atom, or None if it is unknown."""
         ...
 
+    def value(self, atom: Atom) -> float | None:
+        """Return the value that a ground comparison is of, or None if there is none."""
+        ...
+
     def rows(self, predicate: str) -> Rows:
         """Return all known atoms of a predicate: arguments → bound."""
         ...

@@ -6,6 +6,7 @@ entities is (n, B). Every formula is evaluated for all scenes and entities at on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,12 +20,15 @@ from sfol.errors import FactError, SignalError
 from sfol.formula import Entities
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Source
 from sfol.observations.plans import (
+    NO_CONFIDENCE,
+    NO_VALUE,
     Error,
     FormulaPlan,
     Observation,
     ObservedStep,
     PartName,
     Range,
+    compared_plans_of,
     fits,
     part_at,
     parts_of,
@@ -34,6 +38,7 @@ from sfol.observations.plans import (
     under,
 )
 from sfol.operators import least
+from sfol.syntax import Compared, Comparing
 
 _FACTS = "facts"  # the observation that facts are read off, beside the wholes of a step
 Key = tuple[str, tuple[str, ...]]  # a predicate, and for each argument its sort or constant
@@ -88,12 +93,12 @@ class ScenesReader:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self._sources, self._facts, self._signals = plans_of(kb)
+        self._sources, self._facts, self._signals = compared_plans_of(kb)
 
     @property
     def keys(self) -> list[Key]:
         """The keys of the blocks that are read."""
-        return [(fact.atom.predicate, fact.slots[1:]) for fact in self._kb.facts]
+        return [(fact.atom.predicate, fact.slots[1:]) for fact, _ in self._facts]
 
     def has_many(self, step: ObservedStep) -> bool:
         """Tell whether a step is of many scenes.
@@ -119,7 +124,7 @@ class ScenesReader:
     @cached_property  # asked at every step
     def _parts(self) -> list[PartName]:
         """What formulas read: first of the observation that facts are read off."""
-        facts = [part for _, plan in self._facts for part in parts_of(plan)]
+        facts = [part for _, plan in plans_of(self._kb).facts for part in parts_of(plan)]
         signals = [part for plan in self._signals.values() for part in parts_of(plan)]
         own = [(_FACTS, source, of_rows) for _, source, of_rows in facts]
         return [*dict.fromkeys([*own, *sorted(signals, key=lambda part: part[0] != "")])]
@@ -387,15 +392,18 @@ def _block(fact: ObservedFact, plan: FormulaPlan, scenes: _Scenes, margin: float
     backend = scenes.backend
     rank = len(plan.variables)
     shape = (*(scenes.rows(entities) for entities in plan.variables), scenes.size)
-    confidence = backend.real(fact.formula.unchecked(scenes.values(plan)))
+    value = backend.real(fact.formula.unchecked(scenes.values(plan)))
+    comparison = _comparison(fact)
+    confidence = value if comparison is None else backend.real(comparison.truths(value))
     known = backend.full(1, True)
     for axis, entities in enumerate(plan.variables):
         at = tuple(slice(None) if i == axis else None for i in range(rank))
         known = known & scenes.there(entities)[at]
-    proper = (confidence >= 0.0) & (confidence <= 1.0)
+    is_bounded = (value >= 0.0) & (value <= 1.0)
+    proper = is_bounded if comparison is None else abs(value) < math.inf
     if not bool(proper.all()):
         if not bool((proper | ~known).all()):
-            raise _no_confidence(fact, plan, confidence, known, shape)
+            raise _no_confidence(fact, plan, value, known & ~proper, shape)
         confidence = backend.where(proper, confidence, 0.0)
     if fact.at_least > 0.0:
         known = known & (confidence >= least(fact.at_least, backend.tolerance))
@@ -406,26 +414,34 @@ def _block(fact: ObservedFact, plan: FormulaPlan, scenes: _Scenes, margin: float
     return Block(*(backend.broadcast(a, shape)[at] for a in (lower, upper, known)))
 
 
+def _comparison(fact: ObservedFact) -> Comparing | None:
+    """Return what is asked of the value that is read; None where it is a confidence itself."""
+    predicate = fact.atom.predicate
+    return predicate.operator if isinstance(predicate, Compared) else None
+
+
 def _axes(fact: ObservedFact) -> tuple[slice | None, ...]:
     """Return the index that gives constants an axis of their own."""
     return tuple(slice(None) if a in fact.sorts else None for a in fact.atom.arguments)
 
 
 def _no_confidence(
-    fact: ObservedFact, plan: FormulaPlan, confidence: Array, known: Array, shape: tuple[int, ...]
+    fact: ObservedFact, plan: FormulaPlan, value: Array, wrong: Array, shape: tuple[int, ...]
 ) -> FactError:
-    values = np.broadcast_to(arrays.plain(confidence), shape)
-    wrong = np.broadcast_to(arrays.plain(known), shape) & ~((values >= 0.0) & (values <= 1.0))
-    *rows, scene = np.argwhere(wrong)[0].tolist()
+    values = np.broadcast_to(arrays.plain(value), shape)
+    *rows, scene = np.argwhere(np.broadcast_to(arrays.plain(wrong), shape))[0].tolist()
     entities = {
         variable: entities.entities[row]
         for variable, entities, row in zip(fact.sorts, plan.variables, rows, strict=True)
     }
-    value = float(values[(*rows, scene)])
+    found = float(values[(*rows, scene)])
+    atom, suggestion = fact.atom.substituted(entities), NO_CONFIDENCE
+    if isinstance(atom.predicate, Compared):
+        atom, suggestion = atom.predicate.of(atom.arguments), NO_VALUE
     return FactError(
-        f"{fact.atom.substituted(entities)} in scene {scene}: '{fact.formula}' is {value:.6g}",
-        name=fact.atom.predicate,
-        suggestion="a confidence is from 0 to 1: clip it, or use below, above, between or near",
+        f"{atom} in scene {scene}: '{fact.formula}' is {found:.6g}",
+        name=atom.predicate,
+        suggestion=suggestion,
     )
 
 

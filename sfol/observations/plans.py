@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
 from sfol.knowledge_base.observing import ACTION, NEXT, STEP, entity_names, with_step
 from sfol.knowledge_base.parts import fields_of
+from sfol.syntax import Atom
 
 Observation = Any  # mappings, sequences and arrays, nested in any way
 PartName = tuple[str, str, bool]  # which whole, which part of it, and whether that is a table
@@ -107,6 +108,8 @@ class FormulaPlan:
 
 
 Error = type[FactError] | type[SignalError]
+NO_CONFIDENCE = "a confidence is from 0 to 1: clip it, or use below, above, between or near"
+NO_VALUE = "a value is finite: clip it, or leave the entity out where there is none"
 _NO_SORTS: Mapping[str, str] = MappingProxyType({})
 _WHOLES = {
     "": "the observation",
@@ -124,6 +127,21 @@ class ObservationPlans(NamedTuple):
     sources: Mapping[str, Source]
     facts: Sequence[tuple[ObservedFact, FormulaPlan]]
     signals: Mapping[str, FormulaPlan]
+
+
+def compared_plans_of(kb: KnowledgeBase) -> ObservationPlans:
+    """Return what `plans_of` does, with the comparisons of a value in place of the value itself."""
+    asked = kb.comparisons
+
+    def read(fact: ObservedFact) -> Iterator[ObservedFact]:
+        if fact.atom.predicate not in kb.attributes:
+            yield fact
+        for predicate in asked:
+            if predicate.attribute == fact.atom.predicate:
+                yield replace(fact, atom=Atom(predicate, fact.atom.arguments), exact=True)
+
+    plans = plans_of(kb)
+    return plans._replace(facts=[(own, plan) for fact, plan in plans.facts for own in read(fact)])
 
 
 def plans_of(kb: KnowledgeBase) -> ObservationPlans:

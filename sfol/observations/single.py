@@ -19,6 +19,7 @@ from sfol.facts import Bound, Facts
 from sfol.formula import Formula
 from sfol.knowledge_base import KnowledgeBase, ObservedFact, Sort, Source
 from sfol.observations.plans import (
+    NO_CONFIDENCE,
     Error,
     FormulaPlan,
     NameReading,
@@ -74,7 +75,8 @@ class ObservationReader:
         scene = _Scene(self._sources, {"": observation}, FactError)
         facts = Facts(margin=self._kb.grounding.margin)
         for fact, plan in self._facts:
-            _add(facts, fact, plan, scene)
+            is_value = fact.atom.predicate in self._kb.attributes
+            _add(facts, fact, plan, scene, is_value=is_value)
         return facts
 
     def signals(
@@ -113,8 +115,10 @@ def _signal(name: str, formula: Formula, values: Mapping[str, Any]) -> float:
         ) from None
 
 
-def _add(facts: Facts, fact: ObservedFact, plan: FormulaPlan, scene: _Scene) -> None:
-    """Add the atoms of a fact for all entities."""
+def _add(
+    facts: Facts, fact: ObservedFact, plan: FormulaPlan, scene: _Scene, *, is_value: bool
+) -> None:
+    """Add the atoms of a fact, or the values of an attribute, for all entities."""
     shared = scene.values(plan)
     margin = 0.0 if fact.exact else facts.margin
     known_from = least(fact.at_least)
@@ -123,30 +127,33 @@ def _add(facts: Facts, fact: ObservedFact, plan: FormulaPlan, scene: _Scene) -> 
         for _, numbers in chosen:
             values.update(numbers)
         entities = dict(zip(fact.sorts, (entity for entity, _ in chosen), strict=True))
-        confidence = _confidence(fact, entities, values)
-        if confidence >= known_from:
-            constants = [entities.get(argument, argument) for argument in fact.atom.arguments]
-            bound = Bound.around(confidence, margin)
+        number = _number(fact, entities, values)
+        constants = [entities.get(argument, argument) for argument in fact.atom.arguments]
+        if is_value:
+            facts.add(fact.atom.predicate, *constants, value=number)
+        elif _confidence(fact, entities, number) >= known_from:
+            bound = Bound.around(number, margin)
             facts.add(fact.atom.predicate, *constants, bound=bound)
 
 
-def _confidence(
-    fact: ObservedFact, entities: Mapping[str, str], values: Mapping[str, Any]
-) -> float:
+def _number(fact: ObservedFact, entities: Mapping[str, str], values: Mapping[str, Any]) -> float:
     try:
-        confidence = fact.formula(values)
+        return fact.formula(values)
     except FormulaError as error:
         raise FactError(
             f"{fact.atom.substituted(entities)}: {error.message}",
             name=fact.atom.predicate,
             suggestion=error.suggestion,
         ) from None
-    if 0.0 <= confidence <= 1.0:
-        return confidence
+
+
+def _confidence(fact: ObservedFact, entities: Mapping[str, str], number: float) -> float:
+    if 0.0 <= number <= 1.0:
+        return number
     raise FactError(
-        f"{fact.atom.substituted(entities)}: '{fact.formula}' is {confidence:.6g}",
+        f"{fact.atom.substituted(entities)}: '{fact.formula}' is {number:.6g}",
         name=fact.atom.predicate,
-        suggestion="a confidence is from 0 to 1: clip it, or use below, above, between or near",
+        suggestion=NO_CONFIDENCE,
     )
 
 

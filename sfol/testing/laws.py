@@ -35,6 +35,7 @@ from sfol.syntax import Atom, is_variable
 
 TOLERANCE = 1e-9
 _TINY = 1e-200  # what is less may come to 0 where it is halved
+_NO_NAMES: Mapping[str, str] = {}
 
 Law = Callable[[RewardFunction, Facts, Random], None]
 Derived = Mapping[Atom, Bound]
@@ -48,7 +49,8 @@ def bounds_are_bounds(reward: RewardFunction, facts: Facts, random: Random) -> N
 
 def order_changes_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """Facts are a set: in another order they lead to the same conclusions."""
-    shuffled = random.sample(list(facts.items()), k=len(facts))
+    items = list(facts.items())
+    shuffled = random.sample(items, k=len(items))
     assert_same(_derived(reward, facts), _derived(reward, _facts(facts, shuffled)))
 
 
@@ -57,9 +59,9 @@ def names_change_nothing(reward: RewardFunction, facts: Facts, random: Random) -
     free = [name for name in facts.entities() if name not in _named(reward.kb)]
     numbers = random.sample(range(len(free)), k=len(free))
     new = {name: f"renamed{number}" for name, number in zip(free, numbers, strict=True)}
-    renamed = [(atom.substituted(new), bound) for atom, bound in facts.items()]
+    renamed = _facts(facts, ((atom.substituted(new), bound) for atom, bound in facts.items()), new)
     expected = {atom.substituted(new): b for atom, b in _derived(reward, facts).items()}
-    assert_same(expected, _derived(reward, _facts(facts, renamed)))
+    assert_same(expected, _derived(reward, renamed))
 
 
 def irrelevant_facts_change_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
@@ -89,9 +91,10 @@ def best_is_monotone(reward: RewardFunction, facts: Facts, random: Random) -> No
 
 def greater_bounds_lower_nothing(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """Where nothing is pooled or negated, a greater bound of a fact lowers no conclusion."""
-    if not _is_monotone(reward.kb) or not len(facts):
+    items = list(facts.items())
+    if not _is_monotone(reward.kb) or not items:
         return
-    atom, bound = random.choice(list(facts.items()))
+    atom, bound = random.choice(items)
     upper = bound.upper + random.random() * (1.0 - bound.upper)
     lower = bound.lower + random.random() * (upper - bound.lower)
     more = facts.copy()
@@ -116,9 +119,11 @@ def what_was_concluded_changes_nothing(
 def half_the_bounds_conclude_half(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """Where nothing but minima, averages, maxima and certainties is taken, the scale is free.
 
-    That is so where nothing is negated, no bound is asked for and nothing holds beforehand.
+    That is so where nothing is negated, no bound is asked for and nothing holds beforehand, nor by
+    a value.
     """
     kb = reward.kb
+    facts = facts.restricted(kb.predicates, attributes=())
     free = (
         kb.semantics.conjunction in ("minimum", "average")
         and kb.semantics.disjunction == "maximum"
@@ -226,6 +231,29 @@ def fewer_are_found_more_easily(reward: RewardFunction, facts: Facts, random: Ra
             assert after[atom].upper >= bound.upper - TOLERANCE, atom
 
 
+def nearer_to_holding_is_no_less_true(reward: RewardFunction, facts: Facts, random: Random) -> None:
+    """Where nothing is pooled or negated, a value moved towards all its limits lowers no bound.
+
+    Of attributes whose comparisons all ask for less, or all for more.
+    """
+    kb = reward.kb
+    known = [atom for atom in facts if facts.value(atom.predicate, *atom.arguments) is not None]
+    if not _is_monotone(kb) or not known:
+        return
+    atom = random.choice(known)
+    names = {c.operator.name for c in kb.comparisons if c.attribute == atom.predicate}
+    step = random.random() * 3
+    if names <= {"<", "<=", "below"}:
+        step = -step
+    elif not names <= {">", ">=", "above"}:
+        return
+    moved = facts.copy()
+    value = facts.value(atom.predicate, *atom.arguments)
+    assert value is not None
+    moved.add(atom.predicate, *atom.arguments, value=value + step, merge="replace")
+    _assert_no_less(reward, facts, moved)
+
+
 def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """The confidence of a head of which nothing is known is 0."""
     outcome = _evaluated(reward, facts)
@@ -236,8 +264,9 @@ def heads_that_did_not_fire_are_zero(reward: RewardFunction, facts: Facts, rando
 def printed_rules_are_the_rules(reward: RewardFunction, facts: Facts, random: Random) -> None:
     """To print and to parse are each other's inverse, for rules and for facts."""
     for rule in reward.kb.rules.values():
-        assert parse_clause(str(rule.clause)) == rule.clause, rule
-        assert rule.part_of is None or parse_rule(str(rule.part_of)) == rule.part_of, rule
+        values = reward.kb.attributes
+        assert parse_clause(str(rule.clause), values) == rule.clause, rule
+        assert rule.part_of is None or parse_rule(str(rule.part_of), values) == rule.part_of, rule
     assert Facts.parse(str(facts), margin=facts.margin) == facts
 
 
@@ -288,6 +317,7 @@ LAWS: Sequence[Law] = (
     certainty_multiplies,
     the_more_the_surer,
     fewer_are_found_more_easily,
+    nearer_to_holding_is_no_less_true,
     heads_that_did_not_fire_are_zero,
     printed_rules_are_the_rules,
     the_reward_is_the_sum_of_its_terms,
@@ -365,10 +395,16 @@ def _of(derived: Derived, head: str) -> dict[Atom, Bound]:
     return {atom: bound for atom, bound in derived.items() if atom.predicate == head}
 
 
-def _facts(like: Facts, items: Iterable[tuple[Atom, Bound]]) -> Facts:
+def _facts(
+    like: Facts, items: Iterable[tuple[Atom, Bound]], names: Mapping[str, str] = _NO_NAMES
+) -> Facts:
+    """Return facts with the values of others, of entities with other names."""
     facts = Facts(margin=like.margin)
     for atom, bound in items:
         facts.add(atom.predicate, *atom.arguments, bound=bound)
+    for attribute, known in like.values().items():
+        for constants, value in known.items():
+            facts.add(attribute, *(names.get(name, name) for name in constants), value=value)
     return facts
 
 

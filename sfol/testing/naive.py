@@ -19,6 +19,7 @@ from sfol.knowledge_base import KnowledgeBase, Rule
 from sfol.literals import Count, ForAll, Literal, Negated, NotEqual, Positive
 from sfol.syntax import Atom, is_variable
 from sfol.testing.naive_time import needed_now, said_of
+from sfol.testing.naive_values import said_of_values
 
 Known = Mapping[Atom, Bound]
 Substitution = Mapping[str, str]
@@ -48,14 +49,12 @@ def naive_episode(kb: KnowledgeBase, steps: Sequence[Facts]) -> list[dict[Atom, 
     derived = []
     for facts in steps:
         derived.append(_naive_step(kb, facts, history))
-        background = {atom: Bound(1.0, 1.0) for atom in kb.background}
-        history.append({**background, **dict(facts.items()), **derived[-1]})
+        history.append({**_given(kb, facts), **derived[-1]})
     return derived
 
 
 def _naive_step(kb: KnowledgeBase, facts: Facts, history: Sequence[Known]) -> dict[Atom, Bound]:
-    # Facts map ground atoms to bounds; the background always holds, with [1, 1].
-    known = {**{atom: Bound(1.0, 1.0) for atom in kb.background}, **dict(facts.items())}
+    known = _given(kb, facts)
     derived: dict[Atom, Bound] = {}
     # Strata are evaluated in order, each to the end. A stratum is a head, or heads that depend on
     # each other.
@@ -104,6 +103,12 @@ def _depends_on(kb: KnowledgeBase, head: str) -> set[str]:
 
 def _read_by(kb: KnowledgeBase, heads: set[str]) -> set[str]:
     return set().union(*(_reads(kb, head) for head in heads))
+
+
+def _given(kb: KnowledgeBase, facts: Facts) -> dict[Atom, Bound]:
+    # Facts map ground atoms to bounds; the background always holds, with [1, 1].
+    background = {atom: Bound(1.0, 1.0) for atom in kb.background}
+    return {**background, **dict(facts.items()), **said_of_values(kb, facts)}
 
 
 def _rules_of(kb: KnowledgeBase, head: str) -> list[Rule]:

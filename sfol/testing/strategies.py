@@ -17,13 +17,14 @@ from dataclasses import replace
 from typing import Any
 
 from sfol.clauses import Body, Clause, parse_rule
+from sfol.comparisons import SIGNS, Comparison, compared
 from sfol.connectives import AND, IMPLIES, OR, Joined, Tree
 from sfol.errors import missing_extra
 from sfol.facts import Bound, Facts
 from sfol.knowledge_base import KnowledgeBase, KnowledgeBaseFile
 from sfol.literals import Count, ForAll, Literal, Negated, NotEqual, Positive, Quantified
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
-from sfol.syntax import ANONYMOUS, Atom, is_anonymous, variables
+from sfol.syntax import ANONYMOUS, Atom, Compared, is_anonymous, variables
 from sfol.temporal import (
     Fell,
     Held,
@@ -46,6 +47,18 @@ except ImportError as error:
 _PREDICATES = {"Calm": 1, "Near": 2, "Raining": 0, "Between": 3, "Loud": 1, "Sees": 2, "Warm": 1,
                "knows": 2, "alarm": 0, "gives": 3, "care": 1, "Linked": 4, "worry": 1}  # fmt: skip
 _BASE = 4
+_ATTRIBUTES = {"Weight": 1, "Gap": 2}  # with their number of arguments
+_LIMITS = (0.0, 1.0, 2.5)
+_OPTIONS: Sequence[tuple[tuple[str, float | str], ...]] = (
+    (),
+    (("margin", 2.0),),
+    (("margin", 2.0), ("value_at_margin", 0.5), ("shape", "gaussian")),
+    (("margin", 1.5), ("shape", "long_tail")),
+    (("margin", 1.5), ("shape", "cosine")),
+    (("margin", 0.5), ("value_at_margin", 0.25), ("shape", "hard")),
+)
+_VALUES = (-1.0, *_LIMITS, 2.0, 4.0)
+_some_value = st.floats(-4, 8)
 UNREAD = "Unread"  # a predicate that no rule of these knowledge bases reads
 
 ENTITIES = ("ego", "7", '"Ada B."', "bob")
@@ -95,10 +108,32 @@ def _atoms(predicates: Sequence[str], names: Sequence[str] = _VARIABLES) -> st.S
     )
 
 
+def _comparisons() -> st.SearchStrategy[Comparison]:
+    """Comparisons of a value: every sign and every soft comparison, with and without a margin."""
+    limit, options = st.sampled_from(_LIMITS), st.sampled_from(_OPTIONS)
+    one = st.tuples(limit)
+    crisp = st.builds(Comparison, st.sampled_from(SIGNS), one)
+    soft = st.builds(Comparison, st.sampled_from(["below", "above", "near"]), one, options)
+    between = st.builds(Comparison, st.just("between"), st.just((0.0, 1.0)), options)
+    return st.one_of(crisp, soft, between)
+
+
+@st.composite
+def _compared(draw: st.DrawFn, names: Sequence[str], most: int) -> Atom:
+    """Draw what is said of a value, of an attribute with so many arguments at most."""
+    attributes = [name for name, arity in _ATTRIBUTES.items() if arity <= most]
+    attribute = draw(st.sampled_from(attributes))
+    terms = draw(_terms(names, _ATTRIBUTES[attribute]))
+    return compared(draw(_comparisons()), Atom(attribute, terms))
+
+
 @st.composite
 def _patterns(draw: st.DrawFn, predicates: Sequence[str], names: Sequence[str]) -> Atom:
-    """Draw an atom in which ``_`` may stand, though not often."""
+    """Draw an atom in which ``_`` may stand, though not often; or what is said of a value."""
     atom = draw(_atoms(predicates, names))
+    most = max(_PREDICATES[name] for name in predicates)
+    if most and draw(_mostly(False, True)):
+        atom = draw(_compared(names, most))
     blank = draw(_mostly((), (0,), (1,), (0, 1), (2,), (0, 2)))
     return Atom(
         atom.predicate,
@@ -296,7 +331,8 @@ def semantics(*, plain: bool = False, recursive: bool = False) -> st.SearchStrat
 
 
 def _heads(rules: dict[str, dict[str, Any]]) -> list[str]:
-    return sorted({parse_rule(entry["rule"]).head.predicate for entry in rules.values()})
+    written = (parse_rule(entry["rule"], _ATTRIBUTES) for entry in rules.values())
+    return sorted({rule.head.predicate for rule in written})
 
 
 def _hinges(heads: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
@@ -348,6 +384,9 @@ def knowledge_base_files(
         "predicates": {
             str(Atom(name, _PARAMETERS[: _PREDICATES.get(name, 1)])): ""
             for name in (*names, UNREAD)
+        },
+        "attributes": {
+            str(Atom(name, _PARAMETERS[:arity])): "" for name, arity in _ATTRIBUTES.items()
         },
         "rules": rules,
         "semantics": draw(semantics(plain=plain, recursive=recursive)),
@@ -406,7 +445,7 @@ def timed_knowledge_bases(
     content = draw(knowledge_base_files(arities)).model_dump(by_alias=True)
     names = [name for name, arity in _PREDICATES.items() if arity in arities]
     for entry in content["rules"].values():
-        written = parse_rule(entry["rule"])
+        written = parse_rule(entry["rule"], _ATTRIBUTES)
         if len(written.clauses) > 1:
             continue
         clause = written.clauses[0]
@@ -423,7 +462,8 @@ def _perhaps_over_time(draw: st.DrawFn, literal: Literal, names: Sequence[str]) 
         return literal
     terms = [ANONYMOUS if is_anonymous(term) else term for term in literal.atom.arguments]
     atom = Atom(literal.atom.predicate, tuple(terms))
-    before = names[: names.index(literal.atom.predicate)]
+    compares = isinstance(atom.predicate, Compared)
+    before = () if compares else names[: names.index(atom.predicate)]
     return replace(literal, atom=draw(_over_time(atom, before)))
 
 
@@ -471,6 +511,11 @@ def facts_for(
     for atom, bound in {**dict(zip(likely, maybe, strict=True)), **others}.items():
         if bound is not None:
             facts.add(atom.predicate, *atom.arguments, bound=bound)
+    for name, attribute in kb.attributes.items():
+        for constants in itertools.product(present, repeat=attribute.arity):
+            value = draw(st.none() | st.sampled_from(_VALUES) | _some_value)
+            if value is not None:
+                facts.add(name, *constants, value=value)
     return facts
 
 
@@ -508,7 +553,8 @@ def overlays(draw: st.DrawFn, base: KnowledgeBaseFile) -> dict[str, Any]:
     kept = [name for name in names if name not in removed]
     changed = draw(st.lists(st.sampled_from([*kept, "added"]), unique=True, max_size=2))
     # A replaced rule keeps its head, so that weights go on meaning something.
-    heads = {name: parse_rule(entry.rule).head.predicate for name, entry in base.rules.items()}
+    rules = {name: parse_rule(entry.rule, _ATTRIBUTES) for name, entry in base.rules.items()}
+    heads = {name: rule.head.predicate for name, rule in rules.items()}
     return {
         "version": 1,
         "name": "overlay",

@@ -89,6 +89,7 @@ def _sections(kb: KnowledgeBase) -> dict[str, Texts]:
         "subject": {"": {"": kb.subject}},
         "background": {str(atom): {} for atom in kb.background},
         "predicates": {p.signature: {"": p.description} for p in kb.declared.values()},
+        "attributes": {a.signature: {"": a.description} for a in kb.attributes.values()},
         "rules": {name: _rule(parts) for name, parts in kb.written_rules.items()},
         "semantics": {
             "": {

@@ -15,7 +15,8 @@ from xml.sax import saxutils
 from sfol.clauses import Body
 from sfol.facts import TRUE
 from sfol.knowledge_base import KnowledgeBase
-from sfol.literals import Negated, Quantified
+from sfol.literals import AtomLiteral, Literal, Negated, Quantified
+from sfol.syntax import Compared
 from sfol.tools.texts import visible
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class GraphNode(NamedTuple):
     """A part of a knowledge base.
 
     Attributes:
-        kind: ``predicate``, ``rule``, ``head``, ``weight`` or ``term``.
+        kind: ``predicate``, ``attribute``, ``rule``, ``head``, ``weight`` or ``term``.
         name: unique among its kind.
     """
 
@@ -40,6 +41,7 @@ _PLAIN = " _-.,:+/()"  # stands for itself in a text of Mermaid's
 # kind → Mermaid's brackets, and the fill colour of both drawings
 _SHAPES: Mapping[str, tuple[str, str, str]] = {
     "predicate": ("[", "]", "#eef2f7"),
+    "attribute": ("[(", ")]", "#e6f4f4"),
     "rule": ("([", "])", "#fff4d6"),
     "head": ("[", "]", "#dff3e4"),
     "weight": ("{{", "}}", "#f3e3f7"),
@@ -55,18 +57,21 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
 
     Returns:
         A directed graph of `GraphNode`. A predicate that rules conclude is a ``head``. Edges from a
-        predicate to a rule have ``negated``, those from a rule to its head ``certainty``, a
-        `Bound`, and those from a head to a weight ``coefficient``.
+        predicate or attribute to a rule have ``negated``, those from a rule to its head
+        ``certainty``, a `Bound`, and those from a head to a weight ``coefficient``.
     """
     import networkx as nx  # noqa: PLC0415  (slow to import, and needed for drawing only)
 
     graph: Graph = nx.DiGraph()
     heads = {name: GraphNode("head", name) for name in kb.heads}
     graph.add_nodes_from(heads.get(name, GraphNode("predicate", name)) for name in kb.predicates)
+    attributes = {name: GraphNode("attribute", name) for name in kb.attributes}
+    graph.add_nodes_from(attributes.values())
+    sources = {**heads, **attributes}
     for rule in kb.rules.values():
         node = GraphNode("rule", rule.name)
         for name, negated in _read(rule.clause.body):
-            source = heads.get(name, GraphNode("predicate", name))
+            source = sources.get(name, GraphNode("predicate", name))
             graph.add_edge(source, node, negated=negated)
         graph.add_edge(node, heads[rule.clause.head.predicate], certainty=rule.certainty)
     for name, weight in kb.weights.items():
@@ -85,12 +90,19 @@ def dependency_graph(kb: KnowledgeBase) -> Graph:
 
 
 def _read(body: Body) -> Iterator[tuple[str, bool]]:
-    """Yield the predicates that a body reads, each with whether it speaks against it."""
+    """Yield the predicates and attributes that a body reads, and whether it speaks against them."""
     for literal in body.literals:
         against = literal.against if isinstance(literal, Quantified) else ()
         for inner in literal.literals if isinstance(literal, Quantified) else (literal,):
             negated = isinstance(inner, Negated) != (inner in against)
-            yield from ((atom.predicate, negated) for atom in inner.atoms)
+            yield from ((name, negated) for name in _names(inner))
+
+
+def _names(literal: Literal) -> Iterator[str]:
+    yield from (atom.predicate for atom in literal.atoms)
+    if isinstance(literal, AtomLiteral):
+        compared = (atom.predicate for atom in literal.atom.comparisons)
+        yield from (name.attribute for name in compared if isinstance(name, Compared))
 
 
 def mermaid(kb: KnowledgeBase) -> str:

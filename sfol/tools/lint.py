@@ -210,15 +210,17 @@ def _excludes(rule: Rule, literal: Positive) -> bool:
 
 def _unused(kb: KnowledgeBase) -> Iterator[Finding]:
     used = kb.read | kb.weighed
-    for name in kb.declared:
-        if name not in used:
-            yield Finding(
-                "SF003",
-                "warning",
-                f"nothing reads the predicate '{name}'",
-                ("predicates", name),
-                "remove it, or use it in a rule",
-            )
+    compared = {comparison.attribute for comparison in kb.comparisons}
+    unused = [("predicate", name) for name in kb.declared if name not in used]
+    unused += [("attribute", name) for name in kb.attributes if name not in compared]
+    for what, name in unused:
+        yield Finding(
+            "SF003",
+            "warning",
+            f"nothing reads the {what} '{name}'",
+            (f"{what}s", name),
+            "remove it, or use it in a rule",
+        )
 
 
 def _without_rule(kb: KnowledgeBase) -> Iterator[Finding]:
@@ -293,13 +295,16 @@ def _unread(kb: KnowledgeBase) -> Iterator[Finding]:
 def _ungiven(kb: KnowledgeBase) -> Iterator[Finding]:
     given = {fact.atom.predicate for fact in kb.facts}
     given |= {atom.predicate for atom in kb.background} | {*kb.heads}
-    for name in kb.declared if kb.facts else ():
-        if name in kb.read and name not in given:
+    compared = {comparison.attribute for comparison in kb.comparisons}
+    read = [("predicate", name) for name in kb.declared if name in kb.read]
+    read += [("attribute", name) for name in kb.attributes if name in compared]
+    for what, name in read if kb.facts else ():
+        if name not in given:
             yield Finding(
                 "SF016",
                 "warning",
-                f"rules read the predicate '{name}', of which nothing is known: no fact gives it",
-                ("predicates", name),
+                f"rules read the {what} '{name}', of which nothing is known: no fact gives it",
+                (f"{what}s", name),
                 "add it to facts",
             )
 
@@ -521,9 +526,9 @@ def _places(texts: Mapping[str, str]) -> dict[Keys, Place]:
 
 
 def _normal(path: Keys) -> Keys:
-    if path[0] != "predicates" or len(path) < 2:
+    if path[0] not in ("predicates", "attributes") or len(path) < 2:
         return path
-    return ("predicates", str(path[1]).partition("(")[0].strip())
+    return (path[0], str(path[1]).partition("(")[0].strip())
 
 
 def _place(finding: Finding, places: Mapping[Keys, Place]) -> Place | None:

@@ -81,21 +81,24 @@ def _check_pace(kb: KnowledgeBase, recorded: LoggedEpisode) -> None:
 
 
 def unknown_names(log: Log, kb: KnowledgeBase) -> tuple[str, ...]:
-    """Return the predicates and signals of a log that a knowledge base does not know."""
+    """Return the predicates, attributes and signals of a log that a knowledge base lacks."""
     steps = [step for episode in log.episodes for step in episode.steps]
     predicates = {name for step in steps for name in step.facts.predicates()}
+    attributes = {name for step in steps for name in step.facts.values()}
     signals = {name for step in steps for name in step.signals}
-    return (*sorted(predicates - kb.predicates.keys()), *sorted(signals - kb.signals.keys()))
+    return (
+        *sorted(predicates - kb.predicates.keys()),
+        *sorted(attributes - kb.attributes.keys()),
+        *sorted(signals - kb.signals.keys()),
+    )
 
 
 def known(step: LoggedStep, kb: KnowledgeBase) -> tuple[Facts, Mapping[str, float]]:
     """Return the facts and signals of a step that a knowledge base knows."""
     facts = step.facts
-    if not set(facts.predicates()) <= kb.predicates.keys():
-        facts = Facts(margin=facts.margin)
-        for atom, bound in step.facts.items():
-            if atom.predicate in kb.predicates:
-                facts.add(atom.predicate, *atom.arguments, bound=bound)
+    knows_bounds = facts.predicates() <= kb.predicates.keys()
+    if not knows_bounds or not facts.values().keys() <= kb.attributes.keys():
+        facts = facts.restricted(kb.predicates, kb.attributes)
     return facts, {name: value for name, value in step.signals.items() if name in kb.signals}
 
 

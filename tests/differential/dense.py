@@ -6,7 +6,6 @@ from sfol.arrays import backend_of
 from sfol.engines.batched import Bounds
 from sfol.engines.dense import DenseProgram, Domains
 from sfol.engines.program import Program
-from sfol.engines.tables import Tables
 from sfol.syntax import Atom, is_variable
 
 
@@ -27,7 +26,7 @@ def blocks_of(program, scenes, sorts):
     domains = Domains.of(kb, {sort: members for sort, members in split.items() if members})
     blocks = {}
     for scene, facts in enumerate(scenes):
-        for (predicate, arguments), bound in Tables.of(facts, kb.background).items():
+        for (predicate, arguments), bound in program.tables(facts).items():
             key = (predicate, domains.axes(arguments))
             if key not in blocks:
                 shape = (*(domains.sizes[axis] for axis in key[1]), len(scenes))

@@ -47,6 +47,9 @@ def drawn(profile, make=np.asarray, **changes):
         less = Facts()
         for atom, bound in list(facts.items())[::2]:
             less.add(atom.predicate, *atom.arguments, bound=bound)
+        for attribute, values in facts.values().items():
+            for constants, value in list(values.items())[::2]:
+                less.add(attribute, *constants, value=value)
         assert_agree(kb, [facts, less], sorts, make)
 
     agree()
