@@ -149,7 +149,7 @@ def test_foreign_newer_and_broken_files(tmp_path, aeb):
     about = json.loads(table.schema.metadata[b"sfol"])
     newer = {b"sfol": json.dumps({**about, "version": LOG_VERSION + 1, "sfol": "9.0"})}
     pq.write_table(table.replace_schema_metadata(newer), path)
-    assert "written by sfol 9.0; this one reads up to 1 (update sfol)" in error(foreign=True)
+    assert "written by sfol 9.0; this one reads up to 2 (update sfol)" in error(foreign=True)
     pq.write_table(table.drop_columns(["facts"]), path)
     assert "damaged: it has no column 'facts'" in error(foreign=True)
 

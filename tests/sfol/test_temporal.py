@@ -192,7 +192,7 @@ def test_a_number_is_printed_in_one_way_only():
     [
         ("onec[1](P(X))", "there is no operator over time 'onec'", "did you mean 'once'?"),
         ("previosly(P(X))", "there is no operator over time 'previosly'", "'previously'"),
-        ("until(P(X), Q(X))", "there is no operator over time 'until'", "known: fell, held"),
+        ("until(P(X), Q(X))", "there is no operator over time 'until'", "known: above, below"),
         ("once(P(X))", "'[' is expected", "say how far back: once[1.5](P(X))"),
         ("once[-1](P(X))", "'once' can't look back -1", "a finite duration above 0"),
         ("held[0](P(X))", "'held' can't look back 0", "a finite duration above 0"),
