@@ -222,13 +222,17 @@ def parse_conditions(text: str, attributes: Container[str] = ()) -> tuple[Body, 
     return _ways(body, reader)
 
 
-def parse_condition(text: str) -> Body:
+def parse_condition(text: str, attributes: Container[str] = ()) -> Body:
     """Parse a body that has neither ``or`` nor ``implies``.
+
+    Args:
+        text: see `parse_conditions`.
+        attributes: likewise.
 
     Raises:
         ClauseError: see `parse_conditions`; or it can hold in several ways.
     """
-    body, *others = parse_conditions(text)
+    body, *others = parse_conditions(text, attributes)
     if others:
         raise _several(len(others) + 1)
     return body

@@ -296,7 +296,8 @@ def _ungiven(kb: KnowledgeBase) -> Iterator[Finding]:
     given = {fact.atom.predicate for fact in kb.facts}
     given |= {atom.predicate for atom in kb.background} | {*kb.heads}
     compared = {comparison.attribute for comparison in kb.comparisons}
-    read = [("predicate", name) for name in kb.declared if name in kb.read]
+    in_bodies = kb.read
+    read = [("predicate", name) for name in kb.declared if name in in_bodies]
     read += [("attribute", name) for name in kb.attributes if name in compared]
     for what, name in read if kb.facts else ():
         if name not in given:

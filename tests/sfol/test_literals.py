@@ -13,6 +13,7 @@ from sfol.literals import KINDS, AtomLiteral, Literal, Negated, NotEqual, Positi
 from sfol.syntax import Atom, Reader, is_variable
 from sfol.testing.strategies import LITERALS, bounds
 
+ATTRIBUTES = ("Weight", "Gap")  # of which drawn literals speak
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 strangers = (Positive(Atom("Strange", ("X",))), NotEqual("strange", "X"))
 
@@ -32,8 +33,8 @@ def test_every_kind_can_be_drawn():
 @given(data=st.data())
 def test_what_is_printed_is_read_as_the_same_literal(kind, data):
     for literal in data.draw(some(kind)):
-        assert kind.parse(Reader(str(literal))) == literal
-        assert parse_condition(str(literal)) == Body((literal,))
+        assert kind.parse(Reader(str(literal), ATTRIBUTES)) == literal
+        assert parse_condition(str(literal), ATTRIBUTES) == Body((literal,))
 
 
 @every_kind

@@ -36,7 +36,7 @@ def errors(kitchen, changes):
         ({"Hot(P), ": "Hot(P) OR "}, "'OR' stands", "write or,"),
         ({"Hot(P), ": "Hot(P); "}, "the character ';'", "write or,"),
         ({"Hot(P), ": "Hot(P) or "}, "'or' stands beside ','", "P(X), (Q(X) or R(X))"),
-        ({":- Person(X)": "<- Person(X)"}, "the character '<'", "head(X) :- body(X)"),
+        ({":- Person(X)": "<- Person(X)"}, "the character '-'", "head(X) :- body(X)"),
         ({"Hot(P), ": "P = X, "}, "where '=' stands", "X != Y"),
         ({"-k * speed": "-k * speed^2"}, "speed ^ 2", "v**2"),
         ({"-k * speed": "k and speed"}, "k and speed", "(a < b) * (b < c)"),
