@@ -11,6 +11,7 @@ from itertools import islice
 import pytest
 
 from sfol.engines import compiled
+from sfol.engines import program as engine_program
 from sfol.engines import pyreason as translation
 from sfol.engines.compiled import CompiledEngine
 from sfol.engines.flat import Flat
@@ -110,7 +111,7 @@ def guard_dropped(monkeypatch):
 
 
 def asserted_bound_no_disjunct(monkeypatch):
-    monkeypatch.setattr(compiled, "Tables", NothingAsserted)
+    monkeypatch.setattr(engine_program, "Tables", NothingAsserted)
 
 
 def atoms_known_to_be_false_count(monkeypatch):
@@ -197,7 +198,7 @@ def guards_count_as_literals(monkeypatch):
 
 
 def asserted_bound_no_disjunct_of_queries(monkeypatch):
-    monkeypatch.setattr(translation, "Tables", NothingAsserted)
+    monkeypatch.setattr(engine_program, "Tables", NothingAsserted)
 
 
 def heads_left_untied(monkeypatch):
