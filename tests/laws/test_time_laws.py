@@ -89,4 +89,4 @@ def test_facts_of_a_step_are_not_changed(drawn):
 @given(timed_knowledge_bases())
 def test_printed_rules_over_time_are_the_rules(kb):
     for rule in kb.rules.values():
-        assert parse_clause(str(rule.clause)) == rule.clause
+        assert parse_clause(str(rule.clause), kb.attributes) == rule.clause
