@@ -26,6 +26,7 @@ from sfol.literals import Count, ForAll, Literal, Negated, NotEqual, Positive, Q
 from sfol.operators import BEST, CONFIDENCES, CONJUNCTIONS, DISJUNCTIONS, GATHERINGS, POOLED
 from sfol.syntax import ANONYMOUS, Atom, Compared, is_anonymous, variables
 from sfol.temporal import (
+    MAXIMUM_DEPTH,
     Fell,
     Held,
     Latched,
@@ -423,12 +424,15 @@ _operators: st.SearchStrategy[TemporalOperator] = st.one_of(
 
 
 @st.composite
-def _over_time(draw: st.DrawFn, atom: Atom, readable: Sequence[str]) -> Atom:
-    """Draw what some operator says of an atom; `readable` may stand beside it."""
+def _over_time(
+    draw: st.DrawFn, atom: Atom, readable: Sequence[str], depth: int = MAXIMUM_DEPTH
+) -> Atom:
+    """Draw what up to `depth` operators say of an atom; `readable` may stand beside it."""
     if readable and ANONYMOUS not in atom.arguments and draw(_mostly(False, True)):
         kept = draw(_atoms(readable, variables(*atom.arguments) or (ENTITIES[0],)))
         return applied(Since(), (kept, atom))
-    operand = draw(_over_time(atom, readable)) if draw(_mostly(False, True)) else atom
+    deeper = depth > 1 and draw(_mostly(False, True))
+    operand = draw(_over_time(atom, readable, depth - 1)) if deeper else atom
     return applied(draw(_operators), (operand,))
 
 
